@@ -257,8 +257,12 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
 def _merge_causes(
     samples: Sequence[SampleCause], explained: AttitudeInference, settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
-    """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities."""
+    """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities.
+
+    What the samples show is a finding and no cause where something unlisted makes it more likely.
+    """
     shown = [one.cause(settings) for one in samples if one.effect is not None]
+    shown = [one for one in shown if one.group_probability >= settings.unknown]
     of_attitude = list_attitude_causes(explained.attribution, explained.fitted, explained.candidates)
     both = {one.label: one for one in of_attitude if one.label in {other.label for other in shown}}
     shown = [_combine_cause(one, both[one.label]) if one.label in both else one for one in shown]

@@ -168,7 +168,9 @@ def infer_causes(
     """
     search = Search(linear, settings, count_progress(tell, "explanations", 0.5, 0.7, 1000))
     told = partial(tell, "null distribution")
-    p = compute_null_p(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.35 + 0.15 * share))
+    draws, scanned = settings.null_draws, settings.scanned_share
+    # Without a degree of freedom the statistic is rounding.
+    p = compute_null_p(search, seed, draws, scanned, lambda share: told(0.35 + 0.15 * share)) if linear.dof > 0 else 1.0
     share, of_all = (0.0, 1.0) if left is None else (settings.misfit_share, left)
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     found = AttitudeInference(linear.candidates, min(p, left, 1.0))

@@ -12,10 +12,6 @@ a fault. The number of repeats by chance is known to a few percent only, which t
 
 A fault is followed by another one with the probability r = 1 − 1/size, for runs of the mean length `size`. Each of two
 neighbours may also repeat by chance, so that pairs exceed chance by r + 2 (1 − r) C of the faults.
-
-Missed telemetry begins at random. For a period q of times counted in samples, the resultant R² = |Σ exp(2πi k/q)|²/m of m
-random times has an exponential distribution of mean one. The p-value of the strongest period weighs the listed cause against
-something unlisted (`diagnosis.model.symptoms`).
 """
 
 from __future__ import annotations
@@ -35,7 +31,6 @@ from diagnosis.detectors.sample_report import (
     SampleTest,
     Stream,
     Symptom,
-    count_since_start,
     mark_consecutive_samples,
 )
 from gyrocal.mask_runs import find_mask_runs
@@ -57,10 +52,6 @@ ROUGH = 0.1
 MOST = 0.5  # share of all samples that repeat by chance, above which faults cannot be told
 FEWEST = 500  # samples, below which nothing is said
 SURE = 0.9  # probability of a fault from which on a sample is bridged
-LONGEST_PERIOD = 64  # samples, of a period in the times of faults; the longest usual packet
-# runs of faults whose times are tested, at least and at most
-FEWEST_RUNS = 8
-MOST_RUNS = 2000
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
@@ -191,18 +182,6 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
     return size, float(size**2 * error)
 
 
-def compute_p_of_times(times: NDArray[np.intp]) -> float:
-    """Compute the p-value of the strongest period of random times (m,), in samples since the interval's first."""
-    if times.size < FEWEST_RUNS:
-        return 1.0
-    times = times[:MOST_RUNS]
-    periods = np.arange(2, LONGEST_PERIOD + 1)
-    angle = 2 * np.pi * (times[None] % periods[:, None]) / periods[:, None]
-    resultant = np.abs(np.exp(1j * angle).sum(axis=1)) ** 2 / times.size
-    resultant[0] *= 0.5  # of period 2 it is real: χ² with one degree of freedom
-    return min(1.0, periods.size * float(np.exp(-resultant.max())))
-
-
 # ---- what they show ------------------------------------------------------------------------------------------------------
 
 
@@ -220,14 +199,11 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
     )  # fmt: skip
     if found.p_value >= event_p:
         return Findings((test,)), stream
-    likeness = 1.0
-    if not found.expected and found.mask.any():  # runs of chance begin at other times
-        likeness = compute_p_of_times(count_since_start(stream.recording)[[low for low, _ in find_mask_runs(found.mask)]])
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind, text = "repeats", ""
     if not is_measured(gyro.rates, found.mask):
         kind, text = "filled_samples", "samples repeat a value that is far from its neighbours, so that it was filled in"
-    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=likeness)
+    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text)
     rates, factor, density = fill_gaps(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
     repaired = replace(
         stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
-from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,7 +57,7 @@ class Symptom:
     probability: float = 1.0  # that an effect is at work and not a motion of the body, where that was weighed
     # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
-    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
+    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.noise_dependence`)
 
 
 @dataclass(frozen=True)
@@ -131,13 +130,6 @@ def mark_consecutive_samples(recording: Recording, used: Mask) -> Mask:
     out = np.zeros(t.size, dtype=bool)
     out[1:] = (np.diff(t) < 1.5 * recording.gyro.sample_s) & used[1:] & used[:-1]
     return out
-
-
-def count_since_start(recording: Recording) -> NDArray[np.intp]:
-    """(n,) number of each sample in its interval."""
-    number = np.arange(recording.gyro.t_s.size)
-    first = np.array([part.start for part in find_interval_slices(recording)])
-    return number - first[np.clip(np.searchsorted(first, number, side="right") - 1, 0, None)]
 
 
 def find_long_runs(mask: Mask) -> list[tuple[int, int]]:

@@ -78,12 +78,13 @@ class ProcessProjection:
     @classmethod
     def build_projection(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> ProcessProjection:
         """Build the projection from whitened columns (N, c) and the products of the projected ones (c, c)."""
-        return cls(
-            columns,
-            gram,
-            np.linalg.cholesky(gram + ROOT_REGULARISATION * max(np.trace(gram), LEAST_TRACE) * np.eye(len(gram))),
-            mean,
-        )
+        added = ROOT_REGULARISATION * max(np.trace(gram), LEAST_TRACE)
+        try:
+            root = np.linalg.cholesky(gram + added * np.eye(len(gram)))
+        except np.linalg.LinAlgError:  # nothing of the process is seen, and the products are rounding
+            powers, turned = np.linalg.eigh(gram)
+            root = turned * np.sqrt(np.maximum(powers, added))
+        return cls(columns, gram, root, mean)
 
     def turn_root(self, t_s: Array, interval: Indices) -> ProcessProjection:
         """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""

@@ -167,7 +167,7 @@ def _format_clause(cause: Cause) -> str:
 
 def _format_with_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
     """Clause that states a cause with its alternatives, and hedges it where it is not certain."""
-    others = [_format_unsized(member) for member in cause.group if member != cause.label]
+    others = [_format_unsized(member, cause) for member in cause.group if member != cause.label]
     clause = f"{_format_clause(cause)}{more}"
     if diagnosis.verdict not in ("group", "partial"):
         return clause
@@ -175,10 +175,15 @@ def _format_with_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = ""
     return f"{doubt}either {clause}, or {join_items(others, 'or')}" if others else f"{doubt}{clause}"
 
 
-def _format_unsized(label: str) -> str:
-    """Clause that states an effect without a size."""
+def _format_unsized(label: str, beside: Cause | None = None) -> str:
+    """Clause that states an effect without a size, or with about that of the cause whose place it may have."""
     name, _, axis = label.partition(":")
-    return EFFECTS[name].sentence(axis or None, 1.0, "some amount") if name in EFFECTS else UNLISTED
+    if name not in EFFECTS:
+        return UNLISTED
+    alike = beside is not None and beside.unit == EFFECTS[name].unit
+    return EFFECTS[name].sentence(
+        axis or None, beside.size if alike and beside else 1.0, "about as much" if alike else "some amount"
+    )
 
 
 def _start_with_capital(text: str) -> str:
@@ -244,7 +249,7 @@ def _format_behaviour(label: str) -> str:
 
 
 _IN_MODEL = 'Use the calibration with the causes (table "Calibration", column "with causes")'
-_TAGS = "Correct the gyro's time tags or undo its filter by the size found, and calibrate again"
+_TAGS = "Undo the delay of the gyro by the size found, as gyrocal import --align auto does, and calibrate again"
 _SAMPLES = "Correct the samples where they are made, in the unit's settings or its telemetry, and calibrate again"
 _REFERENCES = f"Leave the gyro and correct the reference attitudes. {_IN_MODEL}"
 REMEDIES = {
@@ -493,7 +498,7 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
     for one in left.regressors:
         behaviour, _, axis = one.name.partition(":")
         what = f"{behaviour}{f', axis {axis}' if axis else ''}"
-        yield f"It {what} ({format_p_value(one.p_value)}; closes {100 * one.share:.0f} % of the held-out misfit)."
+        yield f"A part of it: {what} ({format_p_value(one.p_value)}; closes {100 * one.share:.0f} % of the held-out misfit)."
 
 
 def _describe_side(left: RemainderSummary) -> str:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.repeats import compute_p_of_times, find_repeats
-from simulator.effects.gyro.stale_samples import draw_stale_mask
+from diagnosis.detectors.repeats import find_repeats
 
 SAMPLES = 6000
 
@@ -37,17 +36,3 @@ def test_readings_of_which_chance_repeats_nearly_all_tell_no_fault():
 
 def test_few_samples_tell_nothing():
     assert find_repeats(held(0.3)[0][:400], np.ones(400, dtype=bool)) is None
-
-
-@pytest.mark.parametrize("mean_run", [1.0, 3.5])
-def test_times_of_missed_samples_look_like_that(mean_run):
-    p, share, seeds = [], 0.1, 60
-    for seed in range(seeds):
-        mask = draw_stale_mask(np.random.default_rng(seed), 20_000, mean_run, 0.02)
-        p.append(compute_p_of_times(np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int)])) == 1)))
-    assert np.mean(np.array(p) < share) < share + 3 * np.sqrt(share * (1 - share) / seeds)
-
-
-def test_times_at_the_head_of_packets_do_not_and_few_say_nothing():
-    assert compute_p_of_times(16 * np.sort(np.random.default_rng(3).choice(1000, 60, replace=False))) < 1e-6
-    assert compute_p_of_times(np.arange(5)) == 1.0
