@@ -203,7 +203,7 @@ class RecordingModel:
         """Quantities of the recording that effects depend on."""
         gyro, attitudes = self.recording.gyro, self.recording.attitudes.select_rows(self.reference_rows)
         axes = attitudes.build_error_axes()
-        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes)
+        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes, self.residuals)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 

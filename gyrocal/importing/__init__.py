@@ -67,6 +67,10 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(LATE[name]), name)
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *LATE})
+
+
 def import_csv(
     gyro_file: str | os.PathLike[str],
     attitude_file: str | os.PathLike[str] | None = None,

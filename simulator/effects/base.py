@@ -115,6 +115,8 @@ class Surroundings:
     sample_s: float  # length of a sample, s
     reference_sigma: Array  # (m, 3) stated sigma of the references, rad
     reference_axes: Array | None = None  # (m, 3, 3) `Attitudes.build_error_axes`
+    # (m, 3) references minus the attitudes that the gyro propagates from the first of each interval, inertial axes, rad
+    residuals: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ class ReferenceJump(DirectedEffect):
         """The windows between the largest innovations; where none is large, one window that stands for all."""
         t_s, interval = around.references.t_s, around.references.interval
         seen = compute_reference_innovations(around)
-        edges = find_edges(seen, interval)
+        edges = find_edges(seen, around)
         middle = 0.5 * (t_s[seen.first] + t_s[seen.second])
         steps, own = max(len(seen.values), 2), interval[seen.second]
         gaps = _list_gaps(t_s, interval)
@@ -82,52 +82,44 @@ def compute_reference_innovations(around: Surroundings) -> Innovations:
     )
 
 
-def find_edges(seen: Innovations, interval: np.ndarray) -> np.ndarray:
-    """Find the innovations (k,) at which the references jump, the largest jumps, in order of time.
-
-    Parameters
-    ----------
-    seen : innovations of the references
-    interval : (m,) number of the interval of each reference
-    """
+def find_edges(seen: Innovations, around: Surroundings) -> np.ndarray:
+    """Find the innovations (k,) at which the references jump, the largest jumps, in order of time."""
+    interval = around.references.interval
     own = interval[seen.second]
     chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
     chi2[chi2 < JUMP_CHI2] = 0.0
-    for one in np.unique(own):
-        rows = np.flatnonzero(own == one)
-        for length, found in _compare_means(seen, rows):
+    for one in np.unique(own) if around.residuals is not None else ():
+        rows, members = np.flatnonzero(own == one), np.flatnonzero(interval == one)
+        for length, found in _compare_means(around, members):
             # A jump makes a triangle of that width; one that shows in fewer references is known better.
             for k in np.flatnonzero(found > JUMP_CHI2).tolist():
                 beside = slice(max(k - length, 0), k + length)
-                if found[k] == found[beside].max() and not chi2[rows[beside]].any():
-                    chi2[rows[k]] = found[k]
+                place = rows[np.searchsorted(seen.second[rows], members[k + 1]).clip(max=rows.size - 1)]
+                if found[k] == found[beside].max() and not chi2[max(place - length, 0) : place + length].any():
+                    chi2[place] = found[k]
     large = np.flatnonzero(chi2)
     return np.sort(large[np.argsort(-chi2[large], kind="stable")][:MOST_EDGES])
 
 
-def _compare_means(seen: Innovations, rows: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Lengths, and χ² (r,) of so many references from each innovation (r,) of an interval on, against as many before.
+def _compare_means(around: Surroundings, members: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Lengths, and χ² (m − 1,) of so many references (m,) of an interval from each but the first on, against as many before.
 
-    An innovation is ν_j = ρ_j − Φ_j ρ_{j−1}, so that ρ_j, the error of reference j against the attitude that the gyro
-    propagates, is a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the
-    mean μ of the η, a jump of e in body axes leaves ρ_j = e + R_j μ after it, whose mean is e + R̄ μ.
+    Where the propagated path is off by the mean μ of the residuals before a jump, in inertial axes, a jump of e in body axes
+    leaves A_j η_j = e + A_j μ after it, whose mean is e + Ā μ.
     """
-    M, R = Rotation.from_rotvec(-seen.turned[rows]).as_matrix(), np.zeros((rows.size + 1, 3, 3))
-    R[0] = np.eye(3)
-    for k in range(rows.size):
-        R[k + 1] = M[k] @ R[k]
-    eta = np.vstack([np.zeros(3), np.cumsum(np.einsum("kji,kj->ki", R[1:], seen.values[rows]), axis=0)])
-    each = (eta, np.einsum("kij,kj->ki", R, eta), R)
-    of_eta, of_rho, of_R = (np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in each)
+    assert around.residuals is not None
+    eta, A = around.residuals[members], Rotation.from_quat(around.references.quaternions[members]).inv().as_matrix()
+    each = (eta, np.einsum("kij,kj->ki", A, eta), A)
+    of_eta, of_body, of_A = (np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in each)
     length = 2
-    while length * SHARE_OF_REFERENCES <= rows.size:
-        first = np.arange(length, rows.size + 2 - length)
+    while length * SHARE_OF_REFERENCES <= members.size:
+        first = np.arange(length, members.size + 1 - length)
         mean = (of_eta[first] - of_eta[first - length]) / length
-        rho, turn = ((one[first + length] - one[first]) / length for one in (of_rho, of_R))
-        e = rho - np.einsum("kij,kj->ki", turn, mean)
+        body, turn = ((one[first + length] - one[first]) / length for one in (of_body, of_A))
+        e = body - np.einsum("kij,kj->ki", turn, mean)
         square = np.sum((e / np.maximum(np.median(np.abs(e), axis=0), SMALLEST_ANGLE)) ** 2, axis=1)
-        found = np.zeros(rows.size)
-        found[first - 1] = square * MEDIAN_CHI2 / np.median(square)
+        found = np.zeros(members.size - 1)
+        found[first - 1] = square * MEDIAN_CHI2 / max(float(np.median(square)), SMALLEST_ANGLE)
         yield length, found
         length *= 2
 
