@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy.linalg
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
@@ -33,6 +34,7 @@ MATERIAL = 1.5  # of the stated sigma, from which an error of a held-out attitud
 FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
 
 LEAST_TOTAL_MISFIT = 1e-9
+FEWEST_CLUSTERS = 4  # intervals of a recording, over which a bootstrap is made
 
 
 @dataclass(frozen=True)
@@ -115,16 +117,29 @@ class HeldOut:
     def closed(self, before: int, after: int, seed: int = 0) -> tuple[float, tuple[float, float]]:
         """Compute the share of the baseline's misfit that the steps between two close, and its 90 % interval.
 
-        The interval is that of a bootstrap over the held-out parts.
+        The interval is that of a bootstrap over the intervals of the recording, since parts of one share errors of G and random
+        processes; over all parts where there are fewer than `FEWEST_CLUSTERS`. The percentiles of few values are expanded by
+        Student's distribution (Hesterberg, American Statistician 69, 2015, section 5).
         """
         rng = np.random.default_rng(seed)
-        picks = rng.integers(0, len(self.dof), (DRAWS, len(self.dof)))
-        whole = self.squares[:, 0] - FLOOR * self.dof
-        gained = self.squares[:, before] - self.squares[:, after]
+        _, cluster = np.unique(self.interval, return_inverse=True)
+        if cluster.max() + 1 < FEWEST_CLUSTERS:
+            cluster = np.arange(len(self.dof))
+        count = int(cluster.max()) + 1
+        whole, gained = (
+            np.bincount(cluster, values, count)
+            for values in (self.squares[:, 0] - FLOOR * self.dof, self.squares[:, before] - self.squares[:, after])
+        )
+        picks = rng.integers(0, count, (DRAWS, count))
         total = max(float(whole.sum()), LEAST_TOTAL_MISFIT)
         drawn = whole[picks].sum(axis=1)
         shares = gained[picks].sum(axis=1) / np.where(np.abs(drawn) > LEAST_TOTAL_MISFIT, drawn, LEAST_TOTAL_MISFIT)
-        low, high = np.quantile(shares[drawn > 0], [0.05, 0.95]) if (drawn > 0).any() else (-np.inf, np.inf)
+        tail = (
+            float(scipy.special.ndtr(scipy.special.stdtrit(count - 1, 0.05) * np.sqrt(count / (count - 1))))
+            if count > 1
+            else 0.0
+        )
+        low, high = np.quantile(shares[drawn > 0], [tail, 1 - tail]) if (drawn > 0).any() else (-np.inf, np.inf)
         return float(gained.sum()) / total, (float(low), float(high))
 
 

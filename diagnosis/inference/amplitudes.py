@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
@@ -194,13 +195,15 @@ def _merge_moments(weights: Array, means: Sequence[Array], covariances: Sequence
 def _align_phases(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]], held: int) -> list[tuple[Array, Array]]:
     """Amplitudes of sines of different periods, each turned to the phase of the one at which the member is held.
 
-    Far from the middle of the data the phase changes with the period while size and fit hardly do.
+    Far from the middle of the data the phase changes with the period while size and fit hardly do. Each pair of amplitudes is a
+    sine of its own, such as that of an interval.
     """
     means = [w @ mean / w.sum() for w, (mean, _) in zip(weights, parts, strict=True)]
+    phases = [np.arctan2(mean[1::2], mean[::2]) for mean in means]
     out = []
-    for own, (mean, covariance) in zip(means, parts, strict=True):
-        angle = np.arctan2(means[held][1], means[held][0]) - np.arctan2(own[1], own[0])
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for own, (mean, covariance) in zip(phases, parts, strict=True):
+        cosines, sines = np.cos(phases[held] - own), np.sin(phases[held] - own)
+        turn = scipy.linalg.block_diag(*np.array([[cosines, -sines], [sines, cosines]]).transpose(2, 0, 1))
         out.append((mean @ turn.T, turn @ covariance @ turn.T))
     return out
 

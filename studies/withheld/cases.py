@@ -398,7 +398,7 @@ def _measure_left_by_process(world: World, shown: Array, process: Setting) -> fl
 
 
 def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Judge each stated cause: whether it is there or the same as what is there, and whether its side and axis are right."""
+    """Judge each stated cause: whether it or its set is there or the same as what is there, and its side and axis."""
     out = []
     for cause in causes:
         hits, near = [], []
@@ -410,7 +410,9 @@ def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, An
             if exact or measure_left_power(drawn.world, one, cause) <= SAME_POWER:
                 hits.append(number)
         label = Setting(cause["effect"], cause["axis"], 0.0).label()
-        out.append({"cause": label, "p": cause["probability"], "right": bool(hits), "hits": hits, "near": near})
+        in_set = bool(hits) or any(one.label() in cause["group"] for one in drawn.settings)
+        judged = {"right": bool(hits), "in_set": in_set, "hits": hits, "near": near}
+        out.append({"cause": label, "p": cause["probability"], **judged})
     return out
 
 

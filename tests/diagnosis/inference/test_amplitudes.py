@@ -199,3 +199,18 @@ def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
     best = periods[members[0].option]
     assert one.parameters["period_s"] == best
     assert one.parameters["period_sigma_s"] == pytest.approx(np.sqrt(share @ (periods - best) ** 2 + 0.01**2), rel=1e-6)
+
+
+def test_sines_of_each_interval_have_phases_of_their_own():
+    """Each pair of amplitudes is turned by itself: they are those of least squares at the best period."""
+    rng, t = np.random.default_rng(7), 40_000 + np.arange(600.0)
+    periods = 60 * (1 + 1e-3 * np.arange(-6, 7))
+    halves = np.repeat(np.eye(2), 300, axis=0)
+    waves = [np.column_stack([np.sin(2 * np.pi * t / P), np.cos(2 * np.pi * t / P)]) for P in periods]
+    parts = [(halves[:, :, None] * wave[:, None]).reshape(len(t), 4) for wave in waves]
+    model = linear_model([parts], parts[6] @ [0.8, -0.6, 0.3, 0.9] + 0.3 * rng.standard_normal(t.size))
+    model = replace(model, candidates=(replace(model.candidates[0], scanned=True),))
+    members = Search(model).optimise_members((SelectedCandidate(0, 0, 0),)).members
+    (one,) = estimate_amplitudes(model, members)
+    alone = np.linalg.lstsq(parts[members[0].option], model.y, rcond=None)[0]
+    assert one.amplitudes == pytest.approx(alone, abs=0.1)
