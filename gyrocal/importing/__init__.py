@@ -11,6 +11,7 @@ import importlib
 import os
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,8 +171,11 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
 
 
 def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
-    """Write the recording, and beside it `NOTES_FILE`: the mapping and what was assumed."""
-    save(imported.recording, folder)
+    """Write the recording, titled by its folder unless it has a title, and beside it `NOTES_FILE`."""
+    recording = imported.recording
+    if not imported.mapping.title:
+        recording = replace(recording, title=Path(folder).resolve().name)
+    save(recording, folder)
     entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
     lines = ["# How this recording was imported."]
     for name, texts in (("implausible", imported.warnings), ("assumed", imported.assumed)):

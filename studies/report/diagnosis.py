@@ -37,6 +37,7 @@ HOUR_S = 3600.0
 ARCSEC_PER_DEG = 3600.0
 VERDICT_STYLES = {"none": "", "not identifiable": "open"}  # of the answer; that of a misfit for all other verdicts
 COUNT = 12  # elements of G and b
+MOST_IN_HEADLINE = 2  # causes
 UNLISTED = "an effect outside the library acts"
 SIDE_NAMES = {
     "gyro": "the gyro",
@@ -145,7 +146,7 @@ def _format_answer(diagnosis: Diagnosis) -> str:
         return _start_with_capital(
             f"{join_items(clauses, 'and')}, in the samples alone; the misfit of the attitude is not explained"
         )
-    if diagnosis.verdict == "partial":
+    if diagnosis.verdict == "partial" or (len(clauses) > MOST_IN_HEADLINE and diagnosis.budget):
         return _start_with_capital(f"{clauses[0]}{_state_shares(diagnosis)}")
     return _start_with_capital(("; and " if diagnosis.verdict == "group" else ", and ").join(clauses))
 

@@ -9,7 +9,7 @@ import pytest
 import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
+from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams, write
 from gyrocal.recording.parts import build_empty_attitudes
 from studies.validation import mems_log
 
@@ -40,6 +40,14 @@ def test_references_a_turn_apart_come_back_whole_and_refuse_a_wrong_mapping(tmp_
     for wrong in ({"gyro": read["gyro"].replace("deg/s", "rad/s")}, {"gyro": "rate_y,rate_x,rate_z:deg/s"}):
         with pytest.raises(InputError, match="do not fit each other"):
             import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **(read | wrong))
+
+
+@pytest.mark.parametrize(("title", "expected"), [(None, "a flight"), ("mine", "mine")])
+def test_a_recording_without_a_title_has_that_of_its_folder(imported, tmp_path, title, expected):
+    csv_files.write_csv(imported, tmp_path)
+    read = {**load_mapping(tmp_path / "mapping.toml"), "title": title}
+    write(import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **read), tmp_path / "a flight")
+    assert gyrocal.load(tmp_path / "a flight").title == expected
 
 
 def test_without_references_there_is_nothing_to_import(imported, tmp_path):
