@@ -16,8 +16,13 @@ Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifia
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
 
+SAME_S = 0.005  # two times that are stated as one
+
+
 def format_span(start_s: float, stop_s: float) -> str:
     """Format two times in s, with as many decimals as tell them apart."""
+    if stop_s - start_s < SAME_S:
+        return f"{start_s:.3g} s"
     decimals = 0 if stop_s - start_s >= 10 else 1 if stop_s - start_s >= 1 else 2
     return f"{start_s:.{decimals}f} to {stop_s:.{decimals}f} s"
 
