@@ -250,7 +250,7 @@ def _format_behaviour(label: str) -> str:
 
 
 _IN_MODEL = 'Use the calibration with the causes (table "Calibration", column "with causes")'
-_TAGS = "Undo the delay of the gyro by the size found, as gyrocal import --align auto does, and calibrate again"
+_TAGS = "Undo the delay of the time tags or of the filter by the size found (gyrocal import --align auto), and calibrate again"
 _SAMPLES = "Correct the samples where they are made, in the unit's settings or its telemetry, and calibrate again"
 _REFERENCES = f"Leave the gyro and correct the reference attitudes. {_IN_MODEL}"
 REMEDIES = {

@@ -17,7 +17,9 @@ ENTROPY = 5
 
 def state(effect, axis, size=1.0, p=0.95, **parameters):
     """A stated cause."""
-    return {"effect": effect, "axis": axis, "size": size, "sigma": 0.1, "probability": p, "parameters": parameters}
+    group = [Setting(effect, axis, 0.0).label()]
+    stated = {"effect": effect, "axis": axis, "size": size, "sigma": 0.1, "parameters": parameters}
+    return {**stated, "probability": p, "group": group}
 
 
 def test_case_depends_on_entropy_and_number_only():
@@ -89,6 +91,9 @@ def test_judgement_and_outcome(turning):
     right, wrong_axis = judge_causes(drawn, [state("bias_step", "x", time_s=2000.0), state("bias_drift", "z")])
     assert (right["right"], right["hits"], wrong_axis["right"], wrong_axis["near"]) == (True, [0], False, [])
     near = judge_causes(drawn, [state("bias_drift", "x")])
+    (listed,) = judge_causes(drawn, [{**state("bias_drift", "z"), "group": ["bias_drift:z", "bias_step:x"]}])
+    assert [one["in_set"] for one in (right, wrong_axis, listed)] == [True, False, True]
+    assert not listed["right"]
     decide = cases.decide_outcome
     assert decide("single", True, 1, [right], "named") == "right"
     assert decide("single", True, 1, [right, wrong_axis], "named") == "wrong"
