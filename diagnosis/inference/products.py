@@ -39,7 +39,7 @@ class Conditioning:
 
     def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
-        self._inverse, _ = lapack.dtrtri(factor, lower=1)
+        self._inverse = lapack.dtrtri(factor, lower=1)[0] if len(factor) else factor  # none of members with shifts alone
         self._rows = rows
         self._shift = shift
         self._y = self._inverse @ correlation
