@@ -310,21 +310,24 @@ def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
 
 
 def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[ReferenceSigma, ReferenceSigma]:
-    """Reference sigma at rest and in motion, from the turns between references over the whole trial."""
+    """Reference sigma at rest and in motion, from the turns between references over the whole trial.
+
+    Where the gyro's noise hides that of the references over the spacing, turns over half of it are taken, and so on.
+    """
     tracked = np.flatnonzero(trial.tracked)
-    rows = select_reference_samples(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
-    pairs = [(int(a), int(b)) for a, b in pairwise(rows) if (b - a) * trial.sample_s < 1.5 * spacing_s]
-    if len(pairs) < FEWEST_INCREMENTS:
-        raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
-    turns = compute_turns(gyro, trial.t_s, trial.quaternions, pairs)
-    still = trial.still
-    resting = np.array([bool(still[a : b + 1].all()) for a, b in pairs])
-    both = []
-    for mask in (resting, ~resting):
-        chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
-        both.append(fit_reference_sigma(turns.select(chosen), gyro.arw, gyro.arw_degrees))
-    if not all(one.sigma.any() for one in both):
-        raise InputError(
-            f"{trial.name}: the references scatter less over {spacing_s:g} s than the gyro; choose a shorter spacing"
-        )
-    return both[0], both[1]
+    while spacing_s >= trial.sample_s:
+        rows = select_reference_samples(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
+        pairs = [(int(a), int(b)) for a, b in pairwise(rows) if (b - a) * trial.sample_s < 1.5 * spacing_s]
+        if len(pairs) < FEWEST_INCREMENTS:
+            raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
+        turns = compute_turns(gyro, trial.t_s, trial.quaternions, pairs)
+        still = trial.still
+        resting = np.array([bool(still[a : b + 1].all()) for a, b in pairs])
+        both = []
+        for mask in (resting, ~resting):
+            chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
+            both.append(fit_reference_sigma(turns.select(chosen), gyro.arw, gyro.arw_degrees))
+        if all(one.sigma.any() for one in both):
+            return both[0], both[1]
+        spacing_s /= 2
+    raise InputError(f"{trial.name}: the references scatter less than the gyro over any time, so that they have no sigma")
