@@ -21,6 +21,8 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
 
+LEAST_POSITIVE = 1e-300
+
 
 def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
     """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
@@ -47,7 +49,8 @@ def calibrate_beside_remainder(
     random = [*causes, *(one for one in beside if one.process)]
     if len(random) < len(chosen):
         other = jackknife_calibration(model, random)
-        if np.sum((other / PLAUSIBLE_RANGE) ** 2) < np.sum((spread / PLAUSIBLE_RANGE) ** 2):
+        # The mean ratio of the sigmas of all parameters, whatever their units.
+        if np.sum(np.log(np.maximum(other, LEAST_POSITIVE) / np.maximum(spread, LEAST_POSITIVE))) < 0:
             chosen, spread = random, other
     change, covariance = calibrate_with_effects(model, chosen)
     wider = np.ones(len(covariance))
