@@ -16,6 +16,7 @@ Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifia
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
 
+UNDECIDED = "undecided"  # side of a remainder
 SAME_S = 0.005  # two times that are stated as one
 
 
@@ -103,7 +104,7 @@ class RemainderSummary:
     time_tags_s: float  # standard deviation of the error of the time tags, s
     rate_share: float  # standard deviation of a rate error in proportion to the rate
     noise_factor: float  # white noise beside all members of the model, over the stated one
-    side: str  # "gyro", "reference", "time tags" or "white noise": which of them makes most of it
+    side: str  # which makes most of it, "gyro", "reference", "time tags" or "white noise"; or `UNDECIDED`
     time_scale_s: float  # correlation time of that part; 0 for white noise
     regressors: tuple[Regressor, ...]  # what the remainder follows
 

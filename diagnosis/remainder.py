@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.answer import Regressor, RemainderSummary
+from diagnosis.answer import UNDECIDED, Regressor, RemainderSummary
 from diagnosis.budget import Step, predict_held_out
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.processes import AXES, BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 SCALE_WANDERS = "scale factor or misalignment"  # begin of the names of errors in proportion to the rate
 MOST_REGRESSORS = 4  # that are reported
+DECISIVE = 2 / 3  # share of the power of a remainder
 
 
 def summarise_remainder(
@@ -55,7 +56,7 @@ def summarise_remainder(
         tuple(float(np.rad2deg(size(REFERENCES_WANDER, axis))) for axis in AXES),
         size(TAGS_WANDER, None), float(np.sqrt(sum(size(SCALE_WANDERS, axis) ** 2 for axis in AXES))),
         estimate_noise_factor(model, [*fitted, *beside]),
-        find_remainder_side(strongest), float(strongest.parameters.get("time_constant_s", 0.0)),
+        find_remainder_side(beside, powers), float(strongest.parameters.get("time_constant_s", 0.0)),
         find_regressors(model, fitted, beside, p_bounds),
     )  # fmt: skip
 
@@ -72,11 +73,17 @@ def estimate_noise_factor(model: RecordingModel, members: Sequence[FittedEffect]
     return float(np.sqrt(max(left, 0.0) / max(model.degrees_of_freedom, 1)))
 
 
-def find_remainder_side(one: FittedEffect) -> str:
-    """Find the side that a member of a remainder acts on."""
-    if one.effect in CLOCKS:
-        return "time tags"
-    return "reference" if one.effect.startswith("reference") else "gyro"
+def find_remainder_side(beside: Sequence[FittedEffect], powers: Sequence[float]) -> str:
+    """Find the side that members of a remainder act on: gyro, references or time tags, by their powers (k,).
+
+    Undecided where none has `DECISIVE` of the power: errors of a gyro that wanders are mistaken for wandering references.
+    """
+    sides: dict[str, float] = {}
+    for one, power in zip(beside, powers, strict=True):
+        side = "time tags" if one.effect in CLOCKS else "reference" if one.effect.startswith("reference") else "gyro"
+        sides[side] = sides.get(side, 0.0) + power
+    side, most = max(sides.items(), key=lambda pair: pair[1])
+    return side if most >= DECISIVE * sum(sides.values()) else UNDECIDED
 
 
 def find_regressors(

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from diagnosis.answer import Cause, Finding, RemainderSummary, format_span
+from diagnosis.answer import UNDECIDED, Cause, Finding, RemainderSummary, format_span
 from diagnosis.budget import Step
 from diagnosis.result import Details, Diagnosis
 from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
@@ -289,7 +289,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return "Do not decide by this recording; make another one."
     stages = [EFFECTS[one.effect].stage if one.effect in EFFECTS else "rate" for one in diagnosis.causes]
     remedies = list(dict.fromkeys(part for stage in stages for part in REMEDIES[stage].split(". ")))
-    if diagnosis.remainder is not None and diagnosis.remainder.share > 0.5:
+    if diagnosis.remainder is not None and diagnosis.remainder.share > 0.5 and diagnosis.remainder.side != UNDECIDED:
         remedies.insert(0, f"Look at {SIDE_NAMES[diagnosis.remainder.side]} first, the source of most of the misfit")
     return " ".join(f"{one}." for one in remedies)
 
@@ -504,6 +504,8 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
 
 def _describe_side(left: RemainderSummary) -> str:
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
+    if left.side == UNDECIDED:
+        return f"The data do not tell on which side the remainder is. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
     return (
         f"Most of the remainder is in {SIDE_NAMES[left.side]}{lasting}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
     )
