@@ -22,6 +22,7 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 Array = NDArray[np.float64]
 
 LEAST_POSITIVE = 1e-300
+RIDGE = 1e-13  # of the information of columns of unit length, against rounding
 
 
 def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
@@ -60,23 +61,29 @@ def calibrate_beside_remainder(
 
 def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]) -> Array:
     """(12,) sigma of G and b by the jackknife, each time without an eighth of every interval; zero where there is one part."""
-    parts, fold = [(one.columns, one.prior_sigma) for one in effects], np.repeat(assign_folds(model), 3)
+    fold = np.repeat(assign_folds(model), 3)
     numbers = np.unique(fold)
     if numbers.size < 2:
         return np.zeros(12)
-    each = np.array([calibrate_beside(model, parts, fold != number)[0] for number in numbers])
+    nuisance = np.hstack([model.starts, model.line_columns])
+    Z, y = np.hstack([model.calibration, *(one.columns for one in effects), nuisance]), model.whiten(model.zeta)
+    variances = [np.full(one.columns.shape[1], 1 / one.prior_sigma**2) for one in effects]
+    prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *variances, np.zeros(nuisance.shape[1])])
+    scale = 1.0 / np.sqrt(np.maximum(np.sum(Z**2, axis=0) + prior, LEAST_POSITIVE))
+    Z = Z * scale
+    parts = [(Z[own].T @ Z[own], Z[own].T @ y[own]) for own in (fold == number for number in numbers)]
+    whole = sum(part for part, _ in parts) + np.diag(prior * scale**2 + RIDGE)
+    along = sum(part for _, part in parts)
+    each = np.array([(scale * np.linalg.solve(whole - A, along - b))[:12] for A, b in parts])
     return np.asarray(np.sqrt((numbers.size - 1) / numbers.size * np.sum((each - each.mean(axis=0)) ** 2, axis=0)))
 
 
-def calibrate_beside(
-    model: RecordingModel, effects: Sequence[tuple[Array, float]], used: NDArray[np.bool_] | None = None
-) -> tuple[Array, Array]:
-    """The same of effects that are whitened columns (N, k), with their amplitudes' prior sigma; by some rows (N,) only."""
-    rows = slice(None) if used is None else used
-    Q = np.linalg.qr(np.hstack([model.starts, model.line_columns])[rows])[0]
-    columns = np.hstack([model.calibration, *(part for part, _ in effects)])[rows]
+def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
+    """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
+    Q = np.linalg.qr(np.hstack([model.starts, model.line_columns]))[0]
+    columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
-    y = model.whiten(model.zeta)[rows]
+    y = model.whiten(model.zeta)
     y = y - Q @ (Q.T @ y)
     prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(part.shape[1], 1 / sigma**2) for part, sigma in effects)])
     scale = 1.0 / np.sqrt(np.sum(columns**2, axis=0) + prior)  # which makes the diagonal of the information one
