@@ -81,7 +81,15 @@ def place(made, tmp_path, monkeypatch):
     sys.modules.pop("mystudy", None)
 
 
-@pytest.mark.parametrize("shown", SHOWN)
+LENGTHY = (
+    "docs/formats.md",
+    "docs/import.md",
+    "docs/plan.md",
+    "docs/tutorial.md",
+)  # of the pages; their commands have tests of their own
+
+
+@pytest.mark.parametrize("shown", [pytest.param(page, marks=pytest.mark.long) if page in LENGTHY else page for page in SHOWN])
 def test_what_is_shown_runs(shown, place):
     run_all(shown, place)
 

@@ -79,6 +79,7 @@ def test_one_tracker_has_a_sigma_about_each_axis(tmp_path):
     assert 0.01 < gyrocal.calibrate(made).p_value < 0.99
 
 
+@pytest.mark.long
 def test_few_turns_give_the_sigma_of_references_without_a_bias(tmp_path):
     """The preliminary fit takes 13 of 60 degrees of freedom; its share is made up for."""
     motion = build_motion(600)

@@ -117,6 +117,7 @@ def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     assert bench.size_error * dof == pytest.approx(2, rel=0.2)
 
 
+@pytest.mark.long
 def test_percentiles_of_m0_are_uniform():
     percentiles, held = [], 0
     for seed in range(12):

@@ -70,6 +70,7 @@ def test_every_backend_gives_the_same_table_bit_for_bit(where, reference, tmp_pa
     assert outcome.cpu_s > 0
 
 
+@pytest.mark.long
 @needs_dask
 def test_a_lost_worker_goes_unnoticed_and_after_a_lost_scheduler_the_same_command_resumes(reference, tmp_path, capfd):
     """Real processes, forked from one that has loaded all, which saves their start."""
@@ -152,7 +153,7 @@ def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path
 
 @pytest.mark.parametrize(
     "where",
-    [pytest.param("serial", marks=pytest.mark.long), "loky", pytest.param("dask", marks=pytest.mark.long)],
+    [pytest.param(name, marks=pytest.mark.long) for name in ("serial", "loky", "dask")],
     indirect=True,
 )
 def test_a_case_that_never_returns_ends_at_its_limit(where, reference, tmp_path, monkeypatch):

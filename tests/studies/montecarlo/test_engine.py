@@ -420,6 +420,7 @@ def processes_of(session: int) -> list[str]:
     return found
 
 
+@pytest.mark.long
 def test_ctrl_c_stops_cleanly_and_says_how_to_resume(tmp_path, monkeypatch):
     process, config, folder = start(tmp_path)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too

@@ -60,7 +60,7 @@ def test_rows_that_are_gone_are_told(tmp_path):
     assert committed_results.list_moved_numbers(now, then)["number"].tolist() == ["rows × columns"]
 
 
-@pytest.mark.parametrize("value", [1.5, None])
+@pytest.mark.parametrize("value", [pytest.param(1.5, marks=pytest.mark.long), None])
 def test_the_command_writes_elsewhere_and_ends_with_the_page(run_cli, monkeypatch, tmp_path, value):
     """Nothing committed is touched; what moved is shown; the last line is the page's path."""
     monkeypatch.chdir(tmp_path)
