@@ -32,7 +32,7 @@ from studies.report.junit import Verdict
 @effects_option
 @add_json_option(stdout="the summary")
 @add_output_option("--report", help=PAGE)
-@add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
+@add_output_option("--adopt", help="Write a scenario with the recording's motion, the identified effects and the remainder.")
 @click.option(
     "--without",
     multiple=True,

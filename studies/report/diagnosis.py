@@ -114,7 +114,7 @@ def describe_misfit_size(diagnosis: Diagnosis) -> str:
     """State what the misfit adds to a held-out attitude beside the stated noise."""
     size = diagnosis.misfit_size
     if size is None:
-        return "The misfit shows in the samples alone; the attitudes fit the stated noise."
+        return "The attitudes fit the stated noise; the misfit is in the gyro samples or the sensor tables alone."
     added, stated = tables.format_short(size.added_deg), tables.format_short(size.stated_deg)
     span = format_duration(size.over_s)
     return f"{'Yes' if size.material else 'Hardly'}. It adds {added} deg to an attitude over {span}; stated: {stated} deg."
@@ -181,10 +181,9 @@ def _format_unsized(label: str, beside: Cause | None = None) -> str:
     name, _, axis = label.partition(":")
     if name not in EFFECTS:
         return UNLISTED
-    alike = beside is not None and beside.unit == EFFECTS[name].unit
-    return EFFECTS[name].sentence(
-        axis or None, beside.size if alike and beside else 1.0, "about as much" if alike else "some amount"
-    )
+    if beside is not None and beside.unit == EFFECTS[name].unit:
+        return EFFECTS[name].sentence(axis or None, beside.size, "about as much")
+    return EFFECTS[name].sentence(axis or None, 1.0, "some amount")
 
 
 def _start_with_capital(text: str) -> str:
@@ -505,7 +504,7 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
 def _describe_side(left: RemainderSummary) -> str:
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
     if left.side == UNDECIDED:
-        return f"The data do not tell on which side the remainder is. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
+        return f"The side of the remainder is undecided. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
     return (
         f"Most of the remainder is in {SIDE_NAMES[left.side]}{lasting}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
     )

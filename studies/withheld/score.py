@@ -73,7 +73,7 @@ def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
         strong = kinds[kind][kinds[kind]["snr"] >= STRONG]
         out.append(count_hits(f"{name} of SNR {STRONG:g} and more: right", strong["outcome"] == "right"))
         if kind == "single":
-            in_set = [any(one.get("in_set", one["right"]) for one in json.loads(text)) for text in strong["statements"]]
+            in_set = [any(one["in_set"] for one in json.loads(text)) for text in strong["statements"]]
             out.append(count_hits(f"{name} of SNR {STRONG:g} and more: in the set of a cause", in_set))
     for kind in ("withheld", "unlisted"):
         own = kinds[kind][kinds[kind]["snr"] >= STRONG]

@@ -55,3 +55,16 @@ def test_the_share_closed_is_that_of_the_sums_over_all_parts():
     closed, (low, high) = held.closed(0, 1)
     assert closed == pytest.approx((90 - 36) / (90 - 30))
     assert low < closed < high
+
+
+@pytest.mark.parametrize("shared", [0.0, 3.0])
+def test_the_interval_of_a_share_holds_it_as_often_as_it_says(shared):
+    """Eight intervals of eight parts, whose gains have errors of their own, and those of an interval a common one or none."""
+    rng, hits, draws = np.random.default_rng(11), 0, 300
+    names = tuple(np.repeat(list("abcdefgh"), 8))
+    for _ in range(draws):
+        gained = 8.0 + rng.standard_normal(64) + np.repeat(shared * rng.standard_normal(8), 8)
+        squares = np.column_stack([np.full(64, 20.0), 20.0 - gained])
+        low, high = HeldOut(squares, squares, np.full(64, 10.0), names).closed(0, 1)[1]
+        hits += low <= 0.8 <= high
+    assert abs(hits / draws - 0.9) < 3 * np.sqrt(0.9 * 0.1 / draws)

@@ -70,6 +70,26 @@ def test_wrong_stated_noise_is_noise_excess_and_nothing_else():
     assert all(abs(cause.size - 1.5) < 4 * cause.sigma for cause in answer.causes)
 
 
+def test_a_log_at_rest_between_two_references_shows_repeats_and_no_gap_of_the_attitude():
+    """A logger that reads each sample three times, at even times: no degree of freedom is left for the attitude."""
+    rates = np.repeat(np.deg2rad(0.05) * np.random.default_rng(1).standard_normal((400, 3)), 3, axis=0)
+    made = recordings.recorded(0)
+    ends = np.array([0.0, 12.0])
+    at_rest = replace(
+        made,
+        gyro=replace(made.gyro, t_s=np.arange(len(rates)) / 100, rates=rates, sample_s=0.01, arw=np.deg2rad(0.05) * 0.1),
+        attitudes=replace(
+            made.attitudes, t_s=ends, quaternions=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), sigma=np.full((2, 3), np.deg2rad(0.1))
+        ),
+        intervals=(replace(made.intervals[0], start_s=0.0, stop_s=12.0),),
+        tables={},
+    )
+    found = diagnose(at_rest)
+    assert found.p_values["attitude"] == 1.0
+    assert [(cause.effect, cause.probability > 0.5) for cause in found.causes] == [("stale_samples", True)]
+    assert found.budget == ()
+
+
 def test_shuffled_residuals_give_no_cause():
     """Negative control for the whole attitude side: a strong effect, its residuals in another order."""
     model = recordings.prepared(13, "bias_orbital:z=0.3", **COARSE).model

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.reference_noise import ReferenceSeries, estimate_reference_noise
@@ -54,6 +55,37 @@ def test_noise_as_stated_has_its_level_without_the_motion():
 def test_one_axis_departs_alone_if_the_others_are_rather_as_stated_than_as_it_is(excess, axis):
     """Also where the others are off by two or three sigmas, which is one in a hundred."""
     assert level_of(excess=np.array(excess)).axis == axis
+
+
+def likeness_of(noise):
+    """Likeness of errors (n, 3) of the references, in stated sigmas."""
+    count = len(noise)
+    series = ReferenceSeries(
+        np.arange(count) * SPACING, np.zeros(count, dtype=int), np.full((count, 3), SIGMA), np.tile(np.eye(3), (count, 1, 1)),
+        SIGMA * noise, np.zeros((count, 3)),
+    )  # fmt: skip
+    return estimate_reference_noise(series, DENSITY).likeness
+
+
+@pytest.mark.parametrize("count", [60, 300])
+def test_white_noise_of_another_level_has_a_p_value_as_its_likeness(count):
+    """Below 0.1 in no more than a tenth of the draws, within three sigmas of their number."""
+    draws = 100
+    p = np.array([likeness_of(3 * np.random.default_rng(seed).standard_normal((count, 3))) for seed in range(draws)])
+    assert np.mean(p < 0.1) < 0.1 + 3 * np.sqrt(0.1 * 0.9 / draws)
+
+
+@pytest.mark.parametrize("kind", ["correlated", "tails", "wave"])
+def test_other_errors_are_unlike_white_noise(kind):
+    rng, count = np.random.default_rng(4), 300
+    noise = rng.standard_normal((count, 3))
+    if kind == "correlated":
+        noise = noise + scipy.signal.lfilter([4.0], [1.0, -np.exp(-1 / 3)], rng.standard_normal((count, 3)), axis=0)
+    elif kind == "tails":
+        noise = 3 * rng.standard_t(3, (count, 3))
+    else:
+        noise += 3 * np.sin(2 * np.pi * np.arange(count) / 4.7)[:, None]
+    assert likeness_of(noise) < 1e-3
 
 
 def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):

@@ -13,6 +13,7 @@ from diagnosis.model.folds import assign_folds
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator import scenario
 from simulator.simulate import simulate
 from tests.diagnosis.recordings import linear_of, plan, prepared, recorded
@@ -82,6 +83,21 @@ def test_a_shape_in_the_place_of_a_scale_factor_leaves_the_calibration():
     sigma = prepared(3).sigma
     assert np.abs((with_shape - calibrate_with_effects(model, [])[0]) / sigma).max() < 3
     assert np.abs((calibrate_with_effects(moved, [])[0] - calibrate_with_effects(model, [])[0]) / sigma).max() > 3
+
+
+def test_the_jackknife_is_that_of_fits_without_each_part():
+    """Another implementation: least squares of the rows that are left, the prior of G and b as further rows."""
+    model = prepared(3).model
+    fold, X = np.repeat(assign_folds(model), 3), np.hstack([model.calibration, model.starts])
+    prior = np.hstack([0.1 * np.diag(1 / PLAUSIBLE_RANGE), np.zeros((12, model.starts.shape[1]))])
+    y = model.whiten(model.zeta)
+    each = [
+        np.linalg.lstsq(np.vstack([X[fold != one], prior]), np.append(y[fold != one], np.zeros(12)), rcond=1e-14)[0][:12]
+        for one in np.unique(fold)
+    ]
+    count = len(each)
+    expected = np.sqrt((count - 1) * np.var(each, axis=0))
+    np.testing.assert_allclose(jackknife_calibration(model, []), expected, rtol=1e-4)
 
 
 def named(label, *effects, seed=21):

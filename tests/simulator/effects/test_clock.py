@@ -5,7 +5,8 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from simulator.effects import parse
+from simulator.effects import EFFECTS, parse
+from simulator.effects.timing import compute_delay_columns
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO, STREAM
 
 AGILE = {
@@ -81,3 +82,15 @@ def test_a_diagnosis_tells_drift_slip_and_offset_apart(text, size, tolerance):
     assert not {"clock_drift", "clock_slip", "time_offset"} - {name} & set(cause.group)
     if name == "clock_slip":
         assert cause.parameters["time_s"] == pytest.approx(613, abs=30)
+
+
+def test_a_wander_that_lasts_is_a_delay_of_its_size():
+    """With a time constant far beyond the recording the delay is one draw, and its size is that of the draws."""
+    column, span = compute_delay_columns(STREAM)[:, :, 0], float(np.ptp(STREAM.t_s))
+    effect, draws = EFFECTS["clock_wander"], []
+    wandered = 5 * 0.02 * np.sqrt(2 * span / 1e9)  # five sigmas of a change over the recording
+    for seed in range(200):
+        moved = effect.wander(np.random.default_rng(seed), STREAM, parse("clock_wander=0.02,time_constant_s=1e9"))
+        draws.append(np.sum(moved * column) / np.sum(column**2))
+        np.testing.assert_allclose(moved, draws[-1] * column, rtol=0, atol=wandered * np.abs(column).max())
+    assert np.std(draws) == pytest.approx(0.02, rel=4 / np.sqrt(2 * len(draws)))

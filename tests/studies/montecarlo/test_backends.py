@@ -153,7 +153,7 @@ def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path
 
 @pytest.mark.parametrize(
     "where",
-    [pytest.param(name, marks=pytest.mark.long) for name in ("serial", "loky", "dask")],
+    [pytest.param("serial", marks=pytest.mark.long), "loky", pytest.param("dask", marks=pytest.mark.long)],
     indirect=True,
 )
 def test_a_case_that_never_returns_ends_at_its_limit(where, reference, tmp_path, monkeypatch):

@@ -142,7 +142,7 @@ def test_a_misfit_matters_where_it_exceeds_the_stated_noise_by_a_half():
     assert report.format_headline(small).startswith("Significant but small: ")
     assert report.build_diagnosis_page(small).answer.kind == "open"
     assert report.build_diagnosis_page(large).answer.kind == "gap"
-    assert "samples alone" in report.describe_misfit_size(dataclasses.replace(base, budget=()))
+    assert "attitudes fit" in report.describe_misfit_size(dataclasses.replace(base, budget=()))
 
 
 def test_a_calibration_is_recommended_for_what_the_motions_show():

@@ -15,7 +15,8 @@ def make_rows(probabilities, right, kind="single", outcome=None):
     """A case a statement."""
     rows = []
     for case, (p, hit) in enumerate(zip(probabilities, right, strict=True)):
-        one = {"cause": "bias_step:x", "p": float(p), "right": bool(hit), "hits": [0] if hit else [], "near": [0]}
+        one = {"cause": "bias_step:x", "p": float(p), "right": bool(hit), "in_set": True}
+        one |= {"hits": [0] if hit else [], "near": [0]}
         truth = [{"effect": "bias_step", "axis": "x", "listed": True, "snr": 10.0}]
         row = {"case": case, "kind": kind, "plan": "walk", "grade": "phone", "effects": "bias_step:x", "snr": 10.0 + case % 40}
         row |= {"snr_attitude": 10.0, "snr_samples": 0.0, "outcome": outcome or ("right" if hit else "wrong"), "said": "x"}
