@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +79,8 @@ def adopt_causes(diagnosis: Diagnosis) -> Adoption:
     covariance[np.array(rows) == independent, np.array(rows) == independent] = np.square(alone)
     reason = f"the cause is {diagnosis.verdict}" if not named else ""
     reason = reason or ("" if effects else "its causes act on raw sensor tables, which a replay keeps as they are")
-    others = [(cause.label, tuple(one for one in cause.group if one != cause.label)) for cause in flyable]
+    written = [replace(cause, named=True).label for cause in flyable]
+    others = [(label, tuple(one for one in cause.group if one != label)) for label, cause in zip(written, flyable, strict=True)]
     instead = tuple(one for one in others if one[1])
     return Adoption(effects, covariance, left_out, reason, instead, tuple(one for one, _ in remainder))
 

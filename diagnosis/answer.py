@@ -15,9 +15,16 @@ Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifiable"]
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
-
 UNDECIDED = "undecided"  # side of a remainder
 SAME_S = 0.005  # two times that are stated as one
+
+
+def name_unnamed(effect: str) -> str:
+    """Name a random process by side and character."""
+    side = next(
+        (side for word, side in (("reference", "references"), ("time", "time tags")) if effect.startswith(word)), "gyro"
+    )
+    return f"{side} slow random"
 
 
 def format_span(start_s: float, stop_s: float) -> str:
@@ -54,6 +61,7 @@ class Cause:
     probability : that this effect (and axis) is at work
     group : what could stand in its place, as effect:axis, itself included, the likeliest first
     group_probability : that one of the group is at work
+    named : whether the effect is stated; else side, axis and character alone, whose probability it then is
     levels : side, axis and character of what stands in its place; None of what the samples show by themselves
     """
 
@@ -67,11 +75,13 @@ class Cause:
     group: tuple[str, ...]
     group_probability: float
     levels: Levels | None = None
+    named: bool = True
 
     @property
     def label(self) -> str:
-        """effect:axis."""
-        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
+        """effect:axis, or side and character in place of the effect."""
+        effect = self.effect if self.named else name_unnamed(self.effect)
+        return effect if self.axis is None else f"{effect}:{self.axis}"
 
 
 @dataclass(frozen=True)

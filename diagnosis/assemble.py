@@ -290,7 +290,7 @@ def list_attitude_causes(
     return tuple(
         Cause(
             one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters, slot.probability,
-            tuple(label for label, _ in slot.group), slot.group_probability, own,
+            tuple(label for label, _ in slot.group), slot.group_probability, own, slot.named,
         )
         for slot, one, own in zip(attribution.slots, fitted, levels, strict=True)
     )  # fmt: skip
@@ -312,7 +312,7 @@ def list_next_explanations(attribution: Attribution | None) -> Explanations:
     """The next best explanations with their probabilities."""
     if attribution is None:
         return ()
-    best = tuple(slot.group[0][0] for slot in attribution.slots)
+    best = tuple(slot.label for slot in attribution.slots)
     return tuple(
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]

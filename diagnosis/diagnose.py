@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from diagnosis.answer import Explanations, Finding
+from diagnosis.answer import UNDECIDED, Explanations, Finding
 from diagnosis.assemble import build_diagnosis
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Symptom
 from diagnosis.explain import explain_prepared
+from diagnosis.inference.levels import Level
 from diagnosis.model.prepare import Progress, prepare
 from diagnosis.model.symptoms import SampleCause, list_sample_causes
 from diagnosis.plan.invisible import find_invisible_effects
@@ -71,7 +72,29 @@ def diagnose(
         sigma = np.concatenate([found.sigma_G.ravel(), found.sigma_bias])
         invisible = find_invisible_effects(usable, found.G, found.bias, sigma)
         found = replace(found, invisible=invisible, mask=mask, masked=masked, masked_share=mask.compute_share(recording))
+        found = doubt_sides(found, len(recording.intervals))
         return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
+
+
+def doubt_sides(found: Diagnosis, intervals: int) -> Diagnosis:
+    """Leave undecided whether the gyro makes a random error where references jump as often as a recording has intervals.
+
+    References that jump by more than the misfit also drift by as much between the jumps, and a random walk of theirs is the
+    same model as a random error of the rates that is short against an interval.
+    """
+    size = found.misfit_size
+    jumps = [one for one in found.mask.stretches if one.what == "reference jump" and size and one.size >= size.added_deg]
+    if len(jumps) < max(intervals, 1):
+        return found
+    causes = tuple(
+        one
+        if one.named or one.levels is None or one.levels.side.name != "gyro"
+        else replace(one, levels=one.levels._replace(side=Level(UNDECIDED, one.levels.side.probability)))
+        for one in found.causes
+    )
+    left = found.remainder
+    left = replace(left, side=UNDECIDED) if left is not None and left.side == "gyro" else left
+    return replace(found, causes=causes, remainder=left)
 
 
 def list_clipped_gyros(mask: DataMask, effects: Sequence[Effect]) -> Iterator[SampleCause]:

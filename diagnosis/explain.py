@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.answer import Closure, RemainderSummary
+from diagnosis.answer import Closure, RemainderSummary, name_unnamed
 from diagnosis.budget import Step, measure_causes, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
@@ -118,8 +118,9 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
         change, covariance = calibrate_with_effects(model, ())
         return replace(explained, change=change, covariance=covariance)
     powers = [float(np.sum(model.project_out_nuisance(one.contribution) ** 2)) for one in fitted]
-    order = sorted(range(len(fitted)), key=lambda k: -powers[k])
-    fitted, slots = [fitted[k] for k in order], [attribution.slots[k] for k in order]
+    slots = list(attribution.slots)
+    order = sorted(range(len(fitted)), key=lambda k: (not slots[k].named, -powers[k]))
+    fitted, slots = [fitted[k] for k in order], [slots[k] for k in order]
     while True:
         held, budget = measure_causes(model, fitted, beside, [slot.group_probability for slot in slots])
         open_steps = [k for k, step in enumerate(budget[1 : 1 + len(fitted)]) if step.closed is not None and step.closed < 0]
@@ -186,7 +187,8 @@ def infer_causes(
     if inferred.best.members:
         fine, members = refine_explanation(inferred.linear, inferred.best.members)
         parts = estimate_amplitudes(fine, members)
-        fitted = [(one, named.get(member.candidate)) for one, member in zip(parts, members, strict=True)]
+        slots = [named.get(member.candidate) for member in members]
+        fitted = [(_label_unnamed(one, slot), slot) for one, slot in zip(parts, slots, strict=True)]
     stated = [(one, slot) for one, slot in fitted if slot is not None]
     attribution = Attribution("unknown", inferred.best, tuple(slot for _, slot in stated), inferred.unknown, inferred.ranked)
     beside = tuple(one for one, slot in fitted if slot is None)
@@ -198,6 +200,13 @@ def infer_causes(
     }
     fitted_causes = tuple(one for one, _ in stated)
     return replace(found, attribution=attribution, fitted=fitted_causes, beside=beside, p_bounds=bounds), inferred
+
+
+def _label_unnamed(one: FittedEffect, slot: CredibleGroup | None) -> FittedEffect:
+    """A cause with the label under which it is stated."""
+    if slot is None or slot.named:
+        return one
+    return replace(one, label=one.label.replace(one.effect, name_unnamed(one.effect), 1))
 
 
 def count_progress(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

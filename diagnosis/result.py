@@ -147,7 +147,7 @@ class Diagnosis:
             ],
             "causes": [
                 {
-                    "effect": cause.effect,
+                    **({"effect": cause.effect} if cause.named else {}),
                     "axis": cause.axis,
                     "size": cause.size,
                     "unit": cause.unit,

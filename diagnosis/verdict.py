@@ -45,4 +45,4 @@ def decide_verdict(
         return "unknown"
     if unlisted > settings.unknown:
         return "partial"
-    return "named" if all(cause.probability >= settings.named for cause in causes) else "group"
+    return "named" if all(one.named and one.probability >= settings.named for one in causes) else "group"

@@ -1,7 +1,9 @@
 """Attribution: from the evidence of sets of effects to the causes that may be named.
 
 A cause is *named* if its probability is at least `DiagnosisSettings.named`. Where several listed effects share the probability
-of one place in the explanation, they are a *group* of indistinguishable alternatives. Causes beside something unlisted are a
+of one place in the explanation, they are a *group* of indistinguishable alternatives. A random process explains a part of
+anything that is slow, and none is so much likelier than those without a name that it could be named: its cause is stated by
+side, axis and character, with the listed processes as its group. Causes beside something unlisted are a
 *partial* answer, and something unlisted alone is *unknown*.
 
 A p-value p is uniform under what is tested. Where something else is at work its density is α p^(α − 1), the smaller α, the more
@@ -21,9 +23,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from diagnosis.answer import Verdict
+from diagnosis.answer import Verdict, name_unnamed
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, sum_log_posterior
-from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 LEAST = 1e-300  # p-value, below which the factor is that of this one
@@ -38,11 +40,18 @@ class CredibleGroup:
     probability: float  # that it is at work
     group: tuple[tuple[str, float], ...]  # labels with probabilities, itself included, the likeliest first
     shares: Mapping[int, float] = field(default_factory=dict)  # probability of every candidate in its place, by its number
+    named: bool = True  # whether an effect is stated, or side, axis and character alone, whose probability it then is
+
+    @property
+    def label(self) -> str:
+        """Label of what is stated."""
+        effect, separator, axis = self.group[0][0].partition(":")
+        return f"{effect if self.named else name_unnamed(effect)}{separator}{axis}"
 
     @property
     def group_probability(self) -> float:
-        """Probability that one of the group is at work."""
-        return sum(p for _, p in self.group)
+        """Probability that one of the group, or something else of its side, axis and character, is at work."""
+        return sum(p for _, p in self.group) if self.named else self.probability
 
 
 @dataclass(frozen=True)
@@ -67,17 +76,21 @@ class Attribution:
 
 
 def rank_explanations(model: LinearModel, explanations: Sequence[Explanation]) -> tuple[RankedExplanation, ...]:
-    """Rank sets of effects by their posterior, in the order that they are given in."""
-    norm = sum_log_posterior(list(explanations))
-    return tuple(
-        RankedExplanation(
-            tuple(model.candidate(member).label for member in one.members),
-            float(np.exp(one.log_posterior - norm)),
-            one.log_evidence,
-            not all(model.candidates[k].listed for k in one.key),
-        )
-        for one in explanations
-    )
+    """Rank sets of effects by their posterior, in the order that they are given in; those that are stated alike are one."""
+    norm, found = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
+    for one in explanations:
+        entries = [model.candidate(member) for member in one.members]
+        labels = tuple(label_statement(entry) for entry in entries)
+        probability = float(np.exp(one.log_posterior - norm))
+        unlisted = not all(entry.listed or entry.process for entry in entries)
+        first = found.setdefault(labels, RankedExplanation(labels, 0.0, one.log_evidence, unlisted))
+        found[labels] = replace(first, probability=first.probability + probability)
+    return tuple(found.values())
+
+
+def label_statement(entry: Candidate) -> str:
+    """Label under which a candidate is stated: of a random process, side, axis and character."""
+    return entry.label.replace(entry.effect, name_unnamed(entry.effect), 1) if entry.process else entry.label
 
 
 def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:
@@ -94,7 +107,7 @@ def attribute(
         return replace(found, verdict="unknown", slots=())
     if remainder:
         return replace(found, verdict="partial", slots=slots)
-    named = all(slot.probability >= settings.named for slot in slots)
+    named = all(slot.named and slot.probability >= settings.named for slot in slots)
     return replace(found, verdict="named" if named else "group", slots=slots)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from diagnosis.inference.attribution import CredibleGroup, RankedExplanation, rank_explanations
 from diagnosis.inference.refinement import refine_model
 from diagnosis.inference.search import BASELINE_EXPLANATION, SCREEN_COLUMNS, Explanation, Search
-from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
 
 MOST_EFFECTS = 5  # listed effects with a shape among them
@@ -33,6 +33,7 @@ OPTIMISED = 3  # candidates of each step whose sets are optimised before one is 
 TIME_CONSTANT = "time_constant_s"  # parameter of random errors without a name that a listed process may be one of
 LEAST_POSITIVE = 1e-300
 LEFT_OUT = 12.0  # log posterior below the likeliest, from which on a candidate has no share of a place
+HOPELESS = 50.0  # the same, from which on a second member beside it would not make up for it
 SETTLED = 1e-6  # gain of log posterior below which an exchange is none
 
 
@@ -78,7 +79,8 @@ class JointSearch:
         """Compute the posterior of the place of one member of the best set.
 
         The scores of all candidates are those beside the other members as they are; those of the likeliest ones are then
-        replaced by the posterior of their sets at their best.
+        replaced by the posterior of their sets at their best. That nothing listed stands in this place is asked of effects
+        with a shape, which may have a name, and where one member without a name comes near.
         """
         others = tuple(one for one in best.members if one != member)
         held = Explanation(others, 0.0, 0.0)
@@ -88,13 +90,16 @@ class JointSearch:
         children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held, likely.__contains__)}
         offset = best.log_posterior - children[member.candidate].log_posterior
         logs = {number: one.log_posterior + offset for number, one in children.items()}
-        for number in list(logs)[:OPTIMISED]:
+        for number in [number for number in list(logs)[:OPTIMISED] if logs[number] > best.log_posterior - LEFT_OUT]:
             logs[number] = max(logs[number], self._optimise(children[number].members).log_posterior)
         logs[member.candidate] = best.log_posterior
-        rival = self._grow(self._optimise(others), lambda number: not self.model.candidates[number].listed, MOST_RIVALS)
-        norm = float(np.logaddexp.reduce([rival.log_posterior, *logs.values()]))
+        rival, unlisted = -np.inf, lambda number: not self.model.candidates[number].listed
+        nearest = next((one.log_posterior for one in screened if unlisted(next(iter(one.key - held.key)))), -np.inf)
+        if self.is_shape(member.candidate) and nearest > children[member.candidate].log_posterior - HOPELESS:
+            rival = self._grow(self._optimise(others), unlisted, MOST_RIVALS).log_posterior
+        norm = float(np.logaddexp.reduce([rival, *logs.values()]))
         shares = {number: float(np.exp(value - norm)) for number, value in logs.items()}
-        return Place(member, shares, float(np.exp(rival.log_posterior - norm)))
+        return Place(member, shares, float(np.exp(rival - norm)))
 
     def prefer_listed(self, best: Explanation) -> Explanation:
         """Put the likeliest listed effect in each place in which listed effects have more of the posterior than others."""
@@ -220,7 +225,20 @@ def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) ->
     order = sorted(listed, key=lambda number: -listed[number])
     group = [(model.candidates[number].label, listed[number]) for number in order]
     shown = [one for one in group if one[1] > settings.group_share * total][: settings.largest_group]
-    return CredibleGroup(place.member, group[0][1], tuple(shown), place.shares), 1 - total
+    entry = model.candidate(place.member)
+    if not entry.process:
+        return CredibleGroup(place.member, group[0][1], tuple(shown), place.shares), 1 - total
+    alike = [number for number in place.shares if is_alike(model.candidates[number], entry)]
+    labels = {model.candidates[number].label for number in alike}
+    processes = tuple(one for one in shown if one[0] in labels)
+    character = sum(place.shares[number] for number in alike)
+    return CredibleGroup(place.member, character, processes or tuple(shown), place.shares, named=False), 1 - character
+
+
+def is_alike(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates are random processes of one side and axis."""
+    sides = [entry.effect.startswith("reference") for entry in (one, other)]
+    return one.process and other.process and sides[0] == sides[1] and one.axis == other.axis
 
 
 def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[list[int]]:

@@ -171,9 +171,12 @@ class Search:
         def rows(places: Indices) -> Array:
             return scale[:, None] * np.vstack([products.get_products(member, places) for member in members])
 
+        # Of each pair by itself, so that what is kept of two members serves every set with both.
+        places = [self.model.build_design((member,))[0] for member in members]
+        inner = np.block([[products.get_products(member, other) for other in places] for member in members])
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        given = Conditioning(rows, rows(own) * scale, scale * (self.correlation - shift)[own], shift)
+        given = Conditioning(rows, scale[:, None] * inner * scale, scale * (self.correlation - shift)[own], shift)
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 

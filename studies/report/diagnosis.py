@@ -163,12 +163,21 @@ def _format_clause(cause: Cause) -> str:
     """Clause that states a cause with its size."""
     if cause.effect not in EFFECTS:
         return f"{UNLISTED} ({cause.effect})"
+    if not cause.named:
+        whose = "the gyro's rate or the reference attitudes have" if _is_undecided(cause) else "the gyro's rate has"
+        whose = "the reference attitudes have" if cause.effect.startswith("reference") else whose
+        return f"{whose} an error{f' about {cause.axis}' if cause.axis else ''} that changes slowly, as random errors do"
     return EFFECTS[cause.effect].sentence(cause.axis, cause.size, format_magnitude(cause))
+
+
+def _is_undecided(cause: Cause) -> bool:
+    """Whether neither side is known to make a cause."""
+    return cause.levels is not None and cause.levels.side.name == UNDECIDED
 
 
 def _format_with_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
     """Clause that states a cause with its alternatives, and hedges it where it is not certain."""
-    others = [_format_unsized(member, cause) for member in cause.group if member != cause.label]
+    others = [_format_unsized(member, cause) for member in cause.group if member != cause.label] if cause.named else []
     clause = f"{_format_clause(cause)}{more}"
     if diagnosis.verdict not in ("group", "partial"):
         return clause
@@ -286,7 +295,9 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return f"{first} (mode, temperature, sensors in use). Until it is explained, the errors of G and b exceed their sigmas."
     if not diagnosis.causes:
         return "Do not decide by this recording; make another one."
-    stages = [EFFECTS[one.effect].stage if one.effect in EFFECTS else "rate" for one in diagnosis.causes]
+    stages = [
+        EFFECTS[one.effect].stage if one.effect in EFFECTS and not _is_undecided(one) else "rate" for one in diagnosis.causes
+    ]
     remedies = list(dict.fromkeys(part for stage in stages for part in REMEDIES[stage].split(". ")))
     if diagnosis.remainder is not None and diagnosis.remainder.share > 0.5 and diagnosis.remainder.side != UNDECIDED:
         remedies.insert(0, f"Look at {SIDE_NAMES[diagnosis.remainder.side]} first, the source of most of the misfit")
@@ -307,7 +318,10 @@ def describe_pointing_cost(regressors: pd.DataFrame, orbit_s: float) -> str:
         return "The cause is in the samples alone and turns no attitude that could be measured here."
     labels = regressors["cause"].unique()
     references = [
-        label for label in labels if (name := label.partition(":")[0]) in EFFECTS and EFFECTS[name].stage in ON_REFERENCES
+        label
+        for label in labels
+        if label.startswith("references ")
+        or ((name := label.partition(":")[0]) in EFFECTS and EFFECTS[name].stage in ON_REFERENCES)
     ]
     gyro = regressors[~regressors["cause"].isin(references)]
     if gyro.empty:
@@ -345,7 +359,7 @@ def _build_cause_items(diagnosis: Diagnosis) -> list[Item]:
             "cause": cause.label,
             "size": tables.format_size(cause.size, cause.sigma, cause.unit),
             "probability": format_percent(cause.probability),
-            "indistinguishable from": ", ".join(map(_format_label, cause.group[1:])) if len(cause.group) > 1 else "none",
+            "indistinguishable from": ", ".join(map(_format_label, _list_others(cause))) or "none",
             "one of these": format_percent(cause.group_probability),
             "details": "; ".join(
                 _describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()
@@ -358,6 +372,11 @@ def _build_cause_items(diagnosis: Diagnosis) -> list[Item]:
     drawn = set(diagnosis.details.regressors["cause"])
     pictures = [_build_regressor_picture(diagnosis, cause) for cause in diagnosis.causes if cause.label in drawn]
     return [PageTable(pd.DataFrame(rows), label="Causes"), meanings, *pictures]
+
+
+def _list_others(cause: Cause) -> tuple[str, ...]:
+    """What could stand in the place of a cause, by label."""
+    return cause.group[1:] if cause.named else cause.group
 
 
 def _format_label(label: str) -> str:
@@ -426,7 +445,7 @@ def _build_regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
     part = table[table["cause"] == cause.label]
     fit = float(np.corrcoef(part["regressor_deg"], part["residual_deg"])[0, 1]) if part["regressor_deg"].std() > 0 else 0.0
     return Picture(
-        f"cause-{cause.label.replace(':', '-')}",
+        f"cause-{cause.label.replace(':', '-').replace(' ', '-')}",
         partial(figures.draw_regressor_figure, table, cause.label),
         f"Residuals of the baseline against the effect of {cause.label} at the size found, {len(part)} points with a "
         f"correlation of {fit:.2f}; and both over time in the interval where the effect is largest.",

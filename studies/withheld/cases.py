@@ -6,9 +6,9 @@ an unlisted one. Sizes are log-uniform in the signal-to-noise ratio (`studies.wi
 of that in the attitude and that in the samples. A plan that does not determine G, or that an effect has nothing to act on, is
 drawn again.
 
-A stated cause is right if it is there, or if its waveform leaves at most 2 % of the power of an effect that is there. A random
-process is right in the place of another one on its axis if it explains the waveform as well, to 2 %. The same rule says what
-counts as outside the library: a withheld effect may be named as one that reproduces it.
+A stated cause is right if it is there, or if its waveform leaves at most 2 % of the power of an effect that is there. The same
+rule says what counts as outside the library: a withheld effect may be named as one that reproduces it. A random error without a
+name, of which side and axis are stated, is right if an effect acts there, and finds those that its group holds.
 """
 
 import json
@@ -24,8 +24,10 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
+from diagnosis.answer import name_unnamed
 from diagnosis.budget import FLOOR, predict_held_out
 from diagnosis.diagnose import diagnose
+from diagnosis.inference.conformal import UNKNOWN, name_of
 from diagnosis.model.prepare import prepare
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
@@ -56,7 +58,7 @@ ALIKE = 0.8  # cosine of two responses from which two effects of a case are one 
 SAME_POWER = 0.02  # share of an effect's power that a cause may leave to be right in its place
 LEAST_MISFIT = 1.05  # of the floor, from which a share of the misfit is measured
 FURTHER_DRAWS = 4  # recordings with other noise on which a share is measured
-RANDOM_DRAWS, PROCESS_DRAWS = 4, 48  # of a random change, and of a process whose span is compared
+RANDOM_DRAWS = 4  # of a random change
 
 Draw = Callable[[np.random.Generator, Surroundings], Value]
 
@@ -356,18 +358,11 @@ Cause = Mapping[str, Any]
 
 
 def measure_left_power(world: World, one: Setting, cause: Cause) -> float:
-    """Share of an effect's power that a stated cause leaves, with the cause's own numbers and any size.
-
-    Of a process in the place of a process on its axis it is what it leaves more than the true one.
-    """
-    effect, truth = EFFECTS[cause["effect"]], find_effect(one.effect)
+    """Share of an effect's power that a stated cause leaves, with the cause's own numbers and any size."""
+    effect = EFFECTS[cause["effect"]]
     shown = world.respond(world.change(one))
     given: dict[str, Value] = {p.name: p.default for p in effect.parameters if p.default is not None} | cause["parameters"]
     stated = Setting(effect.name, cause["axis"], cause["size"], given)
-    if effect.is_process:
-        if truth.stage not in ("random_rate", "random_reference") or one.axis != cause["axis"]:
-            return 1.0
-        return _measure_left_by_process(world, shown, stated) - _measure_left_by_process(world, shown, one)
     try:
         if not effect.has_columns:
             columns = world.respond(world.change(stated))[:, None]
@@ -389,29 +384,23 @@ def _list_column_changes(world: World, effect: Effect, stated: Setting) -> list[
     return [Change(one, reference) for one in np.moveaxis(columns, 2, 0)]
 
 
-def _measure_left_by_process(world: World, shown: Array, process: Setting) -> float:
-    """Share of a waveform's power that the smoother of a process leaves, its covariance from draws."""
-    draws = [world.respond(world.change(process, 100 + draw)) for draw in range(PROCESS_DRAWS)]
-    B = np.stack(draws, axis=1) / np.sqrt(PROCESS_DRAWS)
-    left = shown - B @ np.linalg.solve(B.T @ B + np.eye(PROCESS_DRAWS), B.T @ shown)
-    return float(left @ left / max(float(shown @ shown), 1e-300))
-
-
 def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Judge each stated cause: whether it or its set is there or the same as what is there, and its side and axis."""
     out = []
     for cause in causes:
+        named = "effect" in cause
+        side = find_side(cause["effect"] if named else cause["group"][0].partition(":")[0])
         hits, near = [], []
         for number, one in enumerate(drawn.settings):
             same_axis = one.axis is None or cause["axis"] is None or one.axis == cause["axis"]
-            same_side = find_side(one.effect) == find_side(cause["effect"])
-            near += [number] if same_axis and same_side else []
-            exact = one.effect == cause["effect"] and (one.axis is None or one.axis == cause["axis"])
-            if exact or measure_left_power(drawn.world, one, cause) <= SAME_POWER:
+            near += [number] if same_axis and find_side(one.effect) == side else []
+            exact = named and one.effect == cause["effect"] and (one.axis is None or one.axis == cause["axis"])
+            alike = exact or (named and measure_left_power(drawn.world, one, cause) <= SAME_POWER)
+            if alike or (not named and one.label() in cause["group"]):
                 hits.append(number)
-        label = Setting(cause["effect"], cause["axis"], 0.0).label()
+        label = Setting(cause["effect"] if named else f"{side}, slow random", cause["axis"], 0.0).label()
         in_set = bool(hits) or any(one.label() in cause["group"] for one in drawn.settings)
-        judged = {"right": bool(hits), "in_set": in_set, "hits": hits, "near": near}
+        judged = {"named": named, "right": bool(hits if named else near), "in_set": in_set, "hits": hits, "near": near}
         out.append({"cause": label, "p": cause["probability"], **judged})
     return out
 
@@ -441,11 +430,25 @@ def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
     out = []
     for cause in causes:
         for one in drawn.settings:
-            same = (cause["effect"], cause["axis"]) == (one.effect, one.axis)
+            same = (cause.get("effect"), cause["axis"]) == (one.effect, one.axis)
             toward = one.parameters.get("toward")
             if same and cause["parameters"].get("toward", toward) == toward and cause["sigma"] > 1e-5 * abs(cause["size"]):
                 out.append((cause["size"] - one.size) / cause["sigma"])
     return out
+
+
+def is_in_set(drawn: DrawnCase, explanations: Sequence[str]) -> bool:
+    """Tell whether explanations hold what is put in; of an effect outside the library, unknown or its side and axis."""
+    labels = [
+        one.label().replace(one.effect, name_unnamed(one.effect) if find_effect(one.effect).is_process else one.effect)
+        for one in drawn.settings
+    ]
+    if drawn.kind in ("none", "single", "pair"):
+        return name_of(labels) in explanations
+    last = drawn.settings[-1]
+    side = {"gyro": "gyro", "reference": "references", "time": "time tags"}[find_side(last.effect)]
+    character = f"{side} slow random" + ("" if last.axis is None else f":{last.axis}")
+    return UNKNOWN in explanations or any(character in one for one in explanations)
 
 
 def measure_true_share(drawn: DrawnCase, details: Details) -> float:
@@ -531,6 +534,7 @@ def describe_answer(drawn: DrawnCase, diagnosis: Diagnosis) -> dict[str, Any]:
         "outcome": decide_outcome(drawn.kind, present, len(drawn.effects), judged, verdict),
         "found": sum(drawn.effects[hit].setting.effect in EFFECTS for hit in hits),
         "statements": json.dumps(convert_to_plain(judged)),
+        "in_set": is_in_set(drawn, answer["conformal_90"]),
         "unknown_probability": answer["unknown_probability"],
         "p_value": answer["gap"]["p_value"],
         "size_sigmas": json.dumps(list_size_errors(drawn, causes)),

@@ -54,20 +54,21 @@ def count_hits(what: str, hits: ArrayLike) -> dict[str, Any]:
 
 
 def collect_statements(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each stated cause: case, kind, probability p, and whether it is right."""
+    """Each stated cause: case, kind, whether it has a name, probability p, and whether it is right."""
     out = [
-        {"case": case, "kind": kind, "p": float(one["p"]), "right": bool(one["right"])}
+        {"case": case, "kind": kind, "named": one["named"], "p": float(one["p"]), "right": bool(one["right"])}
         for case, kind, text in zip(rows["case"], rows["kind"], rows["statements"], strict=True)
         for one in json.loads(text)
     ]
-    return pd.DataFrame(out, columns=["case", "kind", "p", "right"]).astype({"p": float, "right": bool})
+    return pd.DataFrame(out, columns=["case", "kind", "named", "p", "right"]).astype({"named": bool, "p": float, "right": bool})
 
 
 def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
     """Rates by kind, with their intervals."""
     kinds = {kind: rows[rows["kind"] == kind] for kind in MIX}
     stated = collect_statements(rows)
-    wrong = set(stated["case"][~stated["right"] & (stated["p"] >= SURE)])
+    sure, unnamed = stated[stated["named"] & (stated["p"] >= SURE)], stated[~stated["named"]]
+    wrong = set(sure["case"][~sure["right"]])
     out = [count_hits("no effect: a false alarm", kinds["none"]["outcome"] == "alarm")]
     for kind, name in (("single", "one listed effect"), ("pair", "two listed effects")):
         strong = kinds[kind][kinds[kind]["snr"] >= STRONG]
@@ -80,9 +81,11 @@ def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
         good = own["outcome"].isin(GOOD[kind])
         out.append(count_hits(f"{kind}, SNR {STRONG:g} and more: localised or unknown", good))
         out.append(count_hits(f"{kind}: a wrong name at {SURE:g} and more", kinds[kind]["case"].isin(wrong)))
+    out.append(count_hits(f"names stated at {SURE:g} and more that are right", sure["right"]))
+    out.append(count_hits("random errors without a name: an effect acts on their side and axis", unnamed["right"]))
+    out.append(count_hits("90 % set of explanations holds the truth", rows["in_set"]))
     mixed = stated[stated["kind"] == "mixed"]
     out.append(count_hits("mixed: stated causes that are right", mixed["right"]))
-    out.append(count_hits(f"mixed: causes stated at {SURE:g} and more that are right", mixed["right"][mixed["p"] >= SURE]))
     out.append(count_hits(f"mixed: listed effects of SNR {STRONG:g} and more found", list_found(kinds["mixed"])))
     share = rows[rows["true_closed"].notna() & rows["closed_low"].notna()]
     holds = (share["closed_low"] <= share["true_closed"]) & (share["true_closed"] <= share["closed_high"])
@@ -119,6 +122,7 @@ def score_statements(stated: pd.DataFrame) -> pd.DataFrame:
             _score_part(name, stated[stated["p"] >= least])
             for name, least in ((f"at {SURE:g} and more", SURE), (f"at {LIKELY:g} and more", LIKELY), ("all", 0.0))
         ]
+        + [_score_part("names", stated[stated["named"]])]
     )
 
 
@@ -207,9 +211,10 @@ def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
         before = read_run(Path(config.compare))
         tables["moved"] = Table("Cases answered otherwise than before", list_moved_cases(before, rows))
         tables["compare"] = Table("Against the run before, case by case", compare_runs(before, rows))
+    scores = score_statements(stated).set_index("stated")["z"]
     checks = (
         Check("cases whose diagnosis failed", float(failed), None),
-        Check("z of all stated probabilities", float(score_statements(stated)["z"].iloc[-1]), (-2.0, 2.0)),
+        Check("z of all stated probabilities", float(scores["all"]), (-2.0, 2.0)),
         Check("RMS of (size − true size)/sigma", compute_rms(collect_size_errors(rows)), None),
     )
     return Report(tables, {"found": draw_found(rows), "stated": draw_statements(stated)}, checks)

@@ -59,14 +59,17 @@ def test_a_place_has_the_posterior_of_the_sets_that_differ_in_it():
     assert place.shares.get(0, 0.0) == 0.0
 
 
-def test_a_listed_process_is_an_error_without_a_name_as_well():
-    """Its share is the prior one however clear the process is; an effect with a shape has all of its place."""
+def test_a_random_process_is_stated_by_its_character():
+    """However clear it is; its probability is that of all processes there, and an effect with a shape has its name."""
     rng = np.random.default_rng(7)
     slow = smooth(12)
     y = slow @ (4 * rng.standard_normal(12)) + rng.standard_normal(ROWS)
     inferred = infer_set(Search(linear_model([slow], y, changes={0: {"process": True}})), DEFAULT)
-    assert inferred.slots[0].probability == pytest.approx(1 - DEFAULT.unlisted_share, abs=1e-3)
+    assert not inferred.slots[0].named
+    assert inferred.slots[0].group_probability == inferred.slots[0].probability == pytest.approx(1)
+    assert inferred.slots[0].label == inferred.ranked[0].labels[0] == "gyro slow random"
     shaped = infer_set(Search(linear_model([slow[:, :1]], 4 * slow[:, 0] + rng.standard_normal(ROWS))), DEFAULT)
+    assert shaped.slots[0].named
     assert shaped.slots[0].probability > 0.99
 
 

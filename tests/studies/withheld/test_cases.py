@@ -79,10 +79,17 @@ def test_step_is_no_drift(turning):
     assert measure_left_power(turning, step, state("bias_step", "x", time_s=1300.0)) > 0.02
 
 
-def test_process_in_the_place_of_a_process(turning):
-    walk = setting("bias_random_walk", "y", 5.0, {"gaps": "hold"})
-    assert measure_left_power(turning, walk, state("bias_random_walk", "y", 5.0, gaps="hold")) == 0
-    assert measure_left_power(turning, walk, state("bias_random_walk", "z", 5.0, gaps="hold")) == 1
+def test_an_error_without_a_name_is_right_on_its_side_and_axis(turning):
+    walk = cases.Placed(setting("bias_random_walk", "y", 5.0, {"gaps": "hold"}), 20.0, 0.0)
+    drawn = make_case(turning, "single", walk)
+    there = {**state("bias_markov", "y"), "group": ["bias_markov:y", "bias_random_walk:y"]}
+    elsewhere = {**state("bias_markov", "z"), "group": ["bias_markov:z"]}
+    for one in (there, elsewhere):
+        del one["effect"]
+    right, wrong = judge_causes(drawn, [there, elsewhere])
+    assert (right["named"], right["right"], right["hits"], wrong["right"], wrong["hits"]) == (False, True, [0], False, [])
+    assert cases.is_in_set(drawn, ["gyro slow random:y"])
+    assert not cases.is_in_set(drawn, ["gyro slow random:z", "unknown"])
 
 
 def test_judgement_and_outcome(turning):

@@ -15,13 +15,13 @@ def make_rows(probabilities, right, kind="single", outcome=None):
     """A case a statement."""
     rows = []
     for case, (p, hit) in enumerate(zip(probabilities, right, strict=True)):
-        one = {"cause": "bias_step:x", "p": float(p), "right": bool(hit), "in_set": True}
+        one = {"cause": "bias_step:x", "p": float(p), "named": True, "right": bool(hit), "in_set": True}
         one |= {"hits": [0] if hit else [], "near": [0]}
         truth = [{"effect": "bias_step", "axis": "x", "listed": True, "snr": 10.0}]
         row = {"case": case, "kind": kind, "plan": "walk", "grade": "phone", "effects": "bias_step:x", "snr": 10.0 + case % 40}
         row |= {"snr_attitude": 10.0, "snr_samples": 0.0, "outcome": outcome or ("right" if hit else "wrong"), "said": "x"}
         row |= {"statements": json.dumps([one]), "truth": json.dumps(truth), "size_sigmas": "[0.5, -1.5]"}
-        row |= {"closed": 0.9, "closed_low": 0.8, "closed_high": 1.0, "true_closed": 0.95, "error": ""}
+        row |= {"in_set": True, "closed": 0.9, "closed_low": 0.8, "closed_high": 1.0, "true_closed": 0.95, "error": ""}
         rows.append(row | {"make_s": 1.0, "diagnose_s": 10.0, "peak_mb": 300.0})
     return pd.DataFrame(rows)
 
@@ -34,7 +34,7 @@ def draw_rows(bias=0.0, count=400):
 
 
 def test_calibrated_and_over_confident_statements():
-    fair, bold = (score.score_statements(score.collect_statements(draw_rows(bias))).iloc[-1] for bias in (0.0, 0.15))
+    fair, bold = (score.score_statements(score.collect_statements(draw_rows(bias))).iloc[2] for bias in (0.0, 0.15))
     assert abs(fair["z"]) < 2
     assert bold["z"] < -4
     assert bold["log_score"] > fair["log_score"] + 2 * fair["log_score_se"]
@@ -43,7 +43,7 @@ def test_calibrated_and_over_confident_statements():
 
 def test_z_of_three_statements():
     rows = make_rows([0.9, 0.9, 0.6], [True, True, False])
-    line = score.score_statements(score.collect_statements(rows)).iloc[-1]
+    line = score.score_statements(score.collect_statements(rows)).iloc[2]
     assert line["z"] == pytest.approx((2 - 2.4) / np.sqrt(0.09 + 0.09 + 0.24))
     assert line["brier_score"] == pytest.approx((0.01 + 0.01 + 0.36) / 3)
     assert line["log_score"] == pytest.approx(-np.mean(np.log([0.9, 0.9, 0.4])))
@@ -87,4 +87,4 @@ def test_report(tmp_path):
 
 def test_report_of_no_effect():
     rows = make_rows([0.9], [True], "none").assign(statements="[]", size_sigmas="[]", truth="[]", true_closed=np.nan)
-    assert score.report(WithheldConfig(cases=1), rows).tables["statements"].data["causes"].tolist() == [0, 0, 0]
+    assert score.report(WithheldConfig(cases=1), rows).tables["statements"].data["causes"].tolist() == [0, 0, 0, 0]
