@@ -232,7 +232,7 @@ def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) ->
     labels = {model.candidates[number].label for number in alike}
     processes = tuple(one for one in shown if one[0] in labels)
     character = sum(place.shares[number] for number in alike)
-    return CredibleGroup(place.member, character, processes or tuple(shown), place.shares, named=False), 1 - character
+    return CredibleGroup(place.member, character, processes or tuple(shown), place.shares, named=False), max(0.0, 1 - character)
 
 
 def is_alike(one: Candidate, other: Candidate) -> bool:

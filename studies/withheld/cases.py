@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 from diagnosis.answer import name_unnamed
 from diagnosis.budget import FLOOR, predict_held_out
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.conformal import UNKNOWN, name_of
+from diagnosis.inference.conformal import MISSING, UNKNOWN, compute_scores, name_of
 from diagnosis.model.prepare import prepare
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
@@ -437,18 +437,18 @@ def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
     return out
 
 
-def is_in_set(drawn: DrawnCase, explanations: Sequence[str]) -> bool:
-    """Tell whether explanations hold what is put in; of an effect outside the library, unknown or its side and axis."""
+def score_truth(drawn: DrawnCase, scores: Mapping[str, float]) -> float:
+    """Conformal score of what is put in; of an effect outside the library, that of unknown or of its side and axis."""
     labels = [
         one.label().replace(one.effect, name_unnamed(one.effect) if find_effect(one.effect).is_process else one.effect)
         for one in drawn.settings
     ]
     if drawn.kind in ("none", "single", "pair"):
-        return name_of(labels) in explanations
+        return scores.get(name_of(labels), MISSING)
     last = drawn.settings[-1]
     side = {"gyro": "gyro", "reference": "references", "time": "time tags"}[find_side(last.effect)]
     character = f"{side} slow random" + ("" if last.axis is None else f":{last.axis}")
-    return UNKNOWN in explanations or any(character in one for one in explanations)
+    return min(score for name, score in scores.items() if name == UNKNOWN or character in name.split(" + "))
 
 
 def measure_true_share(drawn: DrawnCase, details: Details) -> float:
@@ -534,7 +534,7 @@ def describe_answer(drawn: DrawnCase, diagnosis: Diagnosis) -> dict[str, Any]:
         "outcome": decide_outcome(drawn.kind, present, len(drawn.effects), judged, verdict),
         "found": sum(drawn.effects[hit].setting.effect in EFFECTS for hit in hits),
         "statements": json.dumps(convert_to_plain(judged)),
-        "in_set": is_in_set(drawn, answer["conformal_90"]),
+        "truth_score": score_truth(drawn, compute_scores(diagnosis.posterior)),
         "unknown_probability": answer["unknown_probability"],
         "p_value": answer["gap"]["p_value"],
         "size_sigmas": json.dumps(list_size_errors(drawn, causes)),

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from diagnosis.settings import DEFAULT
 from gyrocal.errors import InputError
 from simulator.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
@@ -83,7 +84,7 @@ def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
         out.append(count_hits(f"{kind}: a wrong name at {SURE:g} and more", kinds[kind]["case"].isin(wrong)))
     out.append(count_hits(f"names stated at {SURE:g} and more that are right", sure["right"]))
     out.append(count_hits("random errors without a name: an effect acts on their side and axis", unnamed["right"]))
-    out.append(count_hits("90 % set of explanations holds the truth", rows["in_set"]))
+    out.append(count_hits("90 % set of explanations holds the truth", rows["truth_score"] <= DEFAULT.conformal))
     mixed = stated[stated["kind"] == "mixed"]
     out.append(count_hits("mixed: stated causes that are right", mixed["right"]))
     out.append(count_hits(f"mixed: listed effects of SNR {STRONG:g} and more found", list_found(kinds["mixed"])))

@@ -88,8 +88,10 @@ def test_an_error_without_a_name_is_right_on_its_side_and_axis(turning):
         del one["effect"]
     right, wrong = judge_causes(drawn, [there, elsewhere])
     assert (right["named"], right["right"], right["hits"], wrong["right"], wrong["hits"]) == (False, True, [0], False, [])
-    assert cases.is_in_set(drawn, ["gyro slow random:y"])
-    assert not cases.is_in_set(drawn, ["gyro slow random:z", "unknown"])
+    assert cases.score_truth(drawn, {"gyro slow random:y": 0.2, "unknown": 0.1}) == 0.2
+    assert cases.score_truth(drawn, {"gyro slow random:z": 0.0, "unknown": 0.1}) == 1.0
+    unlisted = make_case(turning, "unlisted", walk)
+    assert cases.score_truth(unlisted, {"gyro slow random:y": 0.2, "unknown": 0.7}) == 0.2
 
 
 def test_judgement_and_outcome(turning):

@@ -21,7 +21,7 @@ def make_rows(probabilities, right, kind="single", outcome=None):
         row = {"case": case, "kind": kind, "plan": "walk", "grade": "phone", "effects": "bias_step:x", "snr": 10.0 + case % 40}
         row |= {"snr_attitude": 10.0, "snr_samples": 0.0, "outcome": outcome or ("right" if hit else "wrong"), "said": "x"}
         row |= {"statements": json.dumps([one]), "truth": json.dumps(truth), "size_sigmas": "[0.5, -1.5]"}
-        row |= {"in_set": True, "closed": 0.9, "closed_low": 0.8, "closed_high": 1.0, "true_closed": 0.95, "error": ""}
+        row |= {"truth_score": 0.0, "closed": 0.9, "closed_low": 0.8, "closed_high": 1.0, "true_closed": 0.95, "error": ""}
         rows.append(row | {"make_s": 1.0, "diagnose_s": 10.0, "peak_mb": 300.0})
     return pd.DataFrame(rows)
 
