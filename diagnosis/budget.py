@@ -143,7 +143,12 @@ class HeldOut:
         return float(gained.sum()) / total, (float(low), float(high))
 
 
-def predict_held_out(model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect] = ()) -> HeldOut:
+def predict_held_out(
+    model: RecordingModel,
+    effects: Sequence[FittedEffect],
+    beside: Sequence[FittedEffect] = (),
+    sets: Sequence[Sequence[int]] | None = None,
+) -> HeldOut:
     """Predict every held-out part by M0 alone, with the first effect, with the first two, and so on.
 
     Parameters
@@ -151,32 +156,37 @@ def predict_held_out(model: RecordingModel, effects: Sequence[FittedEffect], bes
     model : the recording
     effects : in the order of the budget
     beside : members of the remainder, which are in the model of what is learnt from and predict nothing
+    sets : places of the effects that are in at each step instead
     """
+    sets = [range(count) for count in range(len(effects) + 1)] if sets is None else sets
     none = np.zeros((model.size, 0))
     W = np.hstack([none, *(one.columns * one.prior_sigma for one in effects)])
     rest = np.hstack([none, *(one.columns * one.prior_sigma for one in beside)])
     shifts = np.column_stack([none, *(one.shift for one in effects), sum((one.shift for one in beside), np.zeros(model.size))])
-    stops = np.cumsum([0, *(one.columns.shape[1] for one in effects)])
-    return collect_held_out(model, _predict_parts(model, W, rest, shifts, stops))
+    owner = np.repeat(np.arange(len(effects)), [one.columns.shape[1] for one in effects])
+    return collect_held_out(model, _predict_parts(model, W, rest, shifts, [np.isin(owner, own) for own in sets], sets))
 
 
 def _predict_parts(
-    model: RecordingModel, W: Array, rest: Array, shifts: Array, stops: Array
+    model: RecordingModel, W: Array, rest: Array, shifts: Array, columns_in: Sequence[Mask], shifts_in: Sequence[Sequence[int]]
 ) -> Iterator[tuple[Mask, Array, Array]]:
-    """Predict each part from columns of the effects, of the remainder, and shifts, one for each effect and one for the rest."""
+    """Predict each part from columns of the effects, of the remainder, and shifts, one for each effect and one for the rest.
+
+    At each step some of the columns and shifts of the effects are in.
+    """
     places = np.cumsum([0, W.shape[1], rest.shape[1], shifts.shape[1]])
     columns = np.hstack([W, rest, shifts])
     for out in list_parts(model):
         known = condition_rows(model, columns, out)
         beside = np.arange(places[1], places[2])
         errors = []
-        for count in range(stops.size):
-            own = np.append(np.arange(stops[count]), beside)
-            held = np.arange(places[2], places[2] + count)
-            A = known.train_X[:, own]
+        for columns_of_step, shifts_of_step in zip(columns_in, shifts_in, strict=True):
+            own = np.flatnonzero(columns_of_step)
+            held = places[2] + np.array(shifts_of_step, dtype=int)
+            A = known.train_X[:, np.append(own, beside)]
             y = known.train_y - known.train_X[:, np.append(held, places[3] - 1)].sum(axis=1)
-            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: stops[count]]
-            errors.append(known.error_y - known.error_X[:, : stops[count]] @ a - known.error_X[:, held].sum(axis=1))
+            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: own.size]
+            errors.append(known.error_y - known.error_X[:, own] @ a - known.error_X[:, held].sum(axis=1))
         e = np.column_stack(errors)
         yield out, e, whiten_prediction(known, e)
 
@@ -205,6 +215,13 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
             dof.append(float(mine.sum()))
             names.append(model.recording.intervals[model.blocks[one].interval].name)
     return HeldOut(np.array(squares), np.array(degrees), np.array(dof), tuple(names))
+
+
+def is_surely_closing(model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect], k: int) -> bool:
+    """Tell whether the 90 % interval of what the k-th effect closes beside all others is above zero."""
+    others = [place for place in range(len(effects)) if place != k]
+    held = predict_held_out(model, effects, beside, [(), others, range(len(effects))])
+    return held.closed(1, 2)[1][0] > 0
 
 
 def summarise_closure(held: HeldOut) -> Closure:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure, RemainderSummary, name_unnamed
-from diagnosis.budget import Step, measure_causes, summarise_closure
+from diagnosis.budget import Step, is_surely_closing, measure_causes, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
     Attribution,
@@ -111,7 +111,8 @@ def explain(
 def measure_explained(model: RecordingModel, explained: AttitudeInference, settings: DiagnosisSettings) -> AttitudeInference:
     """Measure on held-out data what the causes of a recording close, and the calibration with them in the model.
 
-    A cause that closes less than nothing is not stated; what it describes belongs to the remainder.
+    A cause that closes less than nothing is not stated; what it describes is not explained. The same holds beside a remainder
+    of more than half of the misfit, unless the 90 % interval of what the cause closes beside all others is above zero.
     """
     attribution, fitted, beside = explained.attribution, list(explained.fitted), list(explained.beside)
     if attribution is None:
@@ -123,19 +124,28 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
     fitted, slots = [fitted[k] for k in order], [slots[k] for k in order]
     while True:
         held, budget = measure_causes(model, fitted, beside, [slot.group_probability for slot in slots])
-        open_steps = [k for k, step in enumerate(budget[1 : 1 + len(fitted)]) if step.closed is not None and step.closed < 0]
-        if not open_steps:
+        unexplained = len(budget) > 1 and (budget[-2].closed or 0.0) > settings.unknown
+        doubtful = sorted(
+            (step.closed, k)
+            for k, step in enumerate(budget[1 : 1 + len(fitted)])
+            if step.closed is not None and step.interval_90 is not None and min(step.closed, step.interval_90[0]) < 0
+        )
+        worst = next(
+            (k for share, k in doubtful if share < 0 or (unexplained and not is_surely_closing(model, fitted, beside, k))), None
+        )
+        if worst is None:
             break
-        worst = min(open_steps, key=lambda k: float(budget[1 + k].closed or 0.0))
-        beside.append(fitted.pop(worst))
+        dropped = fitted.pop(worst)
         slots.pop(worst)
+        # A shape that is not stated would take the size of another of its kind, such as a slip's from a delay.
+        beside += [dropped] if dropped.process else []
         attribution = replace(attribution, unknown=1.0)  # what it describes has no name
     sizes = [(float(step.size or 0.0), float(step.sigma or 0.0)) for step in budget[1:]]
     sized = tuple(replace(one, size=size, sigma=sigma) for one, (size, sigma) in zip(fitted, sizes, strict=False))
     change, covariance = calibrate_beside_remainder(model, fitted, beside)
     return replace(
         explained,
-        attribution=attribute(attribution, tuple(slots), bool(beside), settings),
+        attribution=attribute(attribution, tuple(slots), bool(beside) or len(slots) < len(explained.fitted), settings),
         fitted=sized,
         beside=tuple(beside),
         closed=summarise_closure(held) if fitted else None,

@@ -47,33 +47,37 @@ def test_a_linear_model_alarms_at_the_rate_that_is_stated(monkeypatch, share):
     assert (found.attribution is not None) == (inferred is not None) == (share < 1)
 
 
-def test_a_cause_that_closes_less_than_nothing_belongs_to_the_remainder(monkeypatch):
-    """One whose size differs between parts is stated all the same, with what it is like."""
+@pytest.mark.parametrize(("process", "share", "sure", "stated"), [
+    (False, -0.02, True, 1), (True, -0.02, True, 1), (False, 0.02, False, 1), (False, 0.02, True, 2)
+])  # fmt: skip
+def test_a_cause_that_does_not_close_anything_is_not_stated(monkeypatch, process, share, sure, stated):
+    """A random error then belongs to the remainder. A cause whose size differs between parts is stated with what it is like."""
     model = prepared(3, every_s=600.0).model
     rng = np.random.default_rng(1)
     a, b = (
         FittedEffect(name, name, None, "s", 1.0, 0.1, {}, rng.standard_normal((model.size, 1)), np.ones(1), np.ones(1), 2.0,
-                     False, np.zeros(model.size))
+                     process and name == "bias_drift", np.zeros(model.size))
         for name in ("rate_lag", "bias_drift")
     )  # fmt: skip
     slots = tuple(CredibleGroup(SelectedCandidate(k, 0, 0), 0.99, ((one.label, 0.99),)) for k, one in enumerate((a, b)))
     steps = {
         "rate_lag": Step("rate_lag", 2.0, 1.0, 0.75, (0.6, 0.9), size=0.01, sigma=0.001, spread=0.003, ramp=(0.007, 0.0135)),
-        "bias_drift": Step("bias_drift", 2.1, 1.0, -0.02, (-0.1, 0.05), size=1.0, sigma=0.1),
+        "bias_drift": Step("bias_drift", 2.1, 1.0, share, (-0.1, 0.05), size=1.0, sigma=0.1),
     }
 
     def measure(model, fitted, beside, probabilities):
-        assert len(fitted) + len(beside) == 2
         own = [steps[one.label] for one in fitted]
-        return None, (Step("baseline", 5.0, 1.0), *own, Step("remainder", 2.0, 1.0, 0.25, (0.1, 0.4)), Step("floor", 1.0, 1.0))
+        return None, (Step("baseline", 5.0, 1.0), *own, Step("remainder", 2.0, 1.0, 0.55, (0.1, 0.7)), Step("floor", 1.0, 1.0))
 
     monkeypatch.setattr(explain, "measure_causes", measure)
+    monkeypatch.setattr(explain, "is_surely_closing", lambda *_: sure)
     monkeypatch.setattr(explain, "summarise_closure", lambda held: Closure("", "", 5.0, 2.0, 1.0, 0.75, (0.6, 0.9), None))
     monkeypatch.setattr(explain, "summarise_remainder", lambda model, budget, fitted, beside, _: [one.label for one in beside])
     attribution = Attribution("named", BASELINE_EXPLANATION, slots, 0.0, ())
     found = explain.measure_explained(model, explain.AttitudeInference((), 0.0, attribution, (a, b)), DEFAULT)
-    assert [one.label for one in found.fitted] == ["rate_lag"]
-    assert [slot.group[0][0] for slot in found.attribution.slots] == ["rate_lag"]
-    assert (found.attribution.verdict, found.remainder, found.fitted[0].size) == ("partial", ["bias_drift"], 0.01)
-    assert found.attribution.unknown == 1.0
-    assert found.budget[1].to_json()["ramp"] == [0.007, 0.0135]
+    sizes = {one.label: one.size for one in found.fitted}
+    assert sizes == dict([("rate_lag", 0.01), ("bias_drift", 1.0)][:stated])
+    assert [slot.group[0][0] for slot in found.attribution.slots] == list(sizes)
+    assert found.remainder == (["bias_drift"] if process else None)
+    assert (found.attribution.verdict, found.attribution.unknown) == (("partial", 1.0) if stated == 1 else ("named", 0.0))
+    assert found.budget[1 + list(sizes).index("rate_lag")].to_json()["ramp"] == [0.007, 0.0135]
