@@ -15,13 +15,6 @@ whatever the recording (Ville's inequality); a search cannot exaggerate it.
 An amplitude that can only be positive has the prior 2 N(0, s²) on a > 0. Its posterior before that restriction is normal with
 mean over sigma z = s Xᵀy/√(1 + s² XᵀX), so that log B grows by log 2Φ(z).
 
-An amplitude a may carry errors of its regressor with the amplitudes a η, η ~ N(0, 1) (`diagnosis.model.rounded_covariates`).
-With a ~ N(0, s²) they could be large where a is not. The prior of a is then two peaks, half N(s, δ²s²) and half N(−s, δ²s²),
-whose scales together cover log |a|. For the posterior N(μ, v) of a/s before that, log B grows by the log of
-
-    ½ Σ_± ∫ N(x; μ, v) N(x; ±1, δ²) / N(x; 0, 1) dx = ½ Σ_± exp(½ (b²/A − c)) / √(v δ² A),
-    A = 1/v + 1/δ² − 1,    b = μ/v ± 1/δ²,    c = μ²/v + 1/δ².
-
 Conditioned on groups that are already in, their scaled columns C = [s X …] change every inner product to
 <p, q> − (Cᵀp)ᵀ (I + CᵀC)⁻¹ (Cᵀq).
 
@@ -38,14 +31,11 @@ from scipy.special import log_ndtr
 Array = NDArray[np.float64]
 
 MANY = 48  # columns from which on they are not turned to their eigenvectors
-PEAK = 0.3  # δ: neighbouring scales, four to a decade, overlap at a standard deviation
 
 LAPACK_BLOCK_COLUMNS = 64  # of columns that LAPACK works on together
 
 
-def log_bayes(
-    gram: Array, correlation: Array, scales: Array, positive: bool = False, shifted: bool = False, tied: bool = False
-) -> Array:
+def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = False, shifted: bool = False) -> Array:
     """log B of every option at every scale.
 
     Parameters
@@ -55,7 +45,6 @@ def log_bayes(
     scales : (s,)
     positive : whether the amplitude can only be positive; for groups of one column
     shifted : whether the last column is a shift
-    tied : whether the other columns are errors of the first one's regressor
 
     Returns
     -------
@@ -64,7 +53,7 @@ def log_bayes(
     if shifted:
         gram, correlation, known = remove_shift(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
-    if not tied and gram.shape[1] >= MANY and correlation.size == gram.shape[0] * gram.shape[1]:
+    if gram.shape[1] >= MANY and correlation.size == gram.shape[0] * gram.shape[1]:
         found = np.array(
             [_compute_tridiagonal_evidence(own, along.ravel(), scales) for own, along in zip(gram, correlation, strict=True)]
         )
@@ -82,19 +71,7 @@ def log_bayes(
     if positive:
         z = scales[None, :, None] * along / np.sqrt(gain[:, 0, :, None])  # (o, s, d): one column
         out = out + np.log(2.0) + log_ndtr(z)
-    if tied:
-        share = vectors[:, 0, :, None] / gain  # (o, k, s)
-        mean = scales[None, :, None] * np.einsum("oks,okd->osd", share, along)
-        out = out + _compute_peak_evidence(mean, np.einsum("ok,oks->os", vectors[:, 0], share)[:, :, None])
     return np.asarray(out[:, :, 0] if single else out)
-
-
-def _compute_peak_evidence(mean: Array, variance: Array) -> Array:
-    """log of the evidence with two peaks as the prior of an amplitude over that with N(0, s²), see the module."""
-    narrow = PEAK**-2
-    A = 1 / variance + narrow - 1
-    ways = [0.5 * ((mean / variance + way * narrow) ** 2 / A - mean**2 / variance - narrow) for way in (-1, 1)]
-    return np.asarray(np.logaddexp(*ways) - np.log(2) - 0.5 * np.log(variance / narrow * A))
 
 
 def _compute_tridiagonal_evidence(gram: Array, correlation: Array, scales: Array) -> Array:

@@ -94,7 +94,7 @@ class Search:
         correlation = self.correlation[places]
         if given is not None:
             gram, correlation = given.reduce_products(gram, correlation, places)
-        return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted, entry.tied)
+        return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
 
     def score(self, candidate: int, members: tuple[SelectedCandidate, ...], most: int | None = None) -> Score:
         """Average and best of a candidate's evidence given some members, with its `most` strongest columns only.
@@ -139,8 +139,8 @@ class Search:
                 continue
             for batch in self.gram.list_batches(number):
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]
-                kind = candidate.positive, candidate.shifted, candidate.tied
-                table = log_bayes(batch.gram, values, candidate.scales, *kind)  # (o, s, d)
+                # (o, s, d)
+                table = log_bayes(batch.gram, values, candidate.scales, candidate.positive, candidate.shifted)
                 table += weights[:, None, None]
                 table[candidate.outside_window[batch.options]] = -np.inf
                 parts.append(

@@ -136,7 +136,7 @@ def list_candidates(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.tied,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned,
             )
         )  # fmt: skip
     return tuple(candidates)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 
 import numpy as np
 import scipy.linalg
@@ -34,7 +33,7 @@ AXES = "xyz"
 class CandidateColumns:
     """A candidate before its place in the model is known."""
 
-    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, tied: as in
+    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned: as in
     # `Candidate`
     effect: str
     axis: str | None
@@ -53,7 +52,6 @@ class CandidateColumns:
     shifted: bool = False
     scales: Array | None = None  # as in `Candidate`; by default those within the limits that the columns can show
     scanned: bool = False
-    tied: bool = False
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
@@ -92,54 +90,12 @@ def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, a
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-    tied = False
-    if model.rounded_covariates and effect.stage == "rate":
-        for trial in trials:
-            with_rounding = build_rounded_columns(model, effect, axis, dict(trial.parameters))
-            if with_rounding is not None:  # the effect follows the value as recorded, or the one before its rounding
-                columns.append(with_rounding)
-                parameters.append(dict(trial.parameters))
-                weights.append(trial.weight)
-                tied = True
     if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = fit_delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
         weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
-    if tied:
-        weights = [weight / sum(weights) for weight in weights]
-    return replace(build_group(effect, axis, columns, parameters, weights), tied=tied)
-
-
-def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Parameters) -> Array | None:
-    """Build columns (N, 1 + r) of an effect of rounded covariates: at their means, and by each course of their errors.
-
-    Courses are changed one at a time, which holds to first order in the errors; the strongest come first. None where no such
-    covariate acts, where the effect has several amplitudes, or where the errors would show more than the mean does: the effect
-    would be a random process then.
-    """
-    stream, known = model.stream, model.rounded_covariates
-    means = {name: next(one.list_curves(stream.t_s)) for name, one in known.items()}
-
-    def compute(changed: Mapping[str, Array]) -> Array:
-        return effect.columns(replace(stream, housekeeping={**stream.housekeeping, **changed}), axis, parameters)
-
-    centre = compute(means)
-    if centre.shape[2] != 1 or np.array_equal(centre, compute({})):
-        return None
-    courses = [
-        compute({**means, name: curve}) - centre
-        for name, one in known.items()
-        for curve in islice(one.list_curves(stream.t_s), 1, None)
-    ]
-    W = model.whiten(model.reading(np.concatenate([centre, *courses], axis=2)))
-    main, beside = np.split(W, [1], axis=1)
-    X = model.project_out_nuisance(beside)
-    powers, turned = np.linalg.eigh(X.T @ X)
-    shown = float(np.sum(model.project_out_nuisance(main) ** 2))
-    if powers.sum() > shown:
-        return None
-    return np.hstack([main, (beside @ turned[:, powers > processes.SEEN * shown])[:, ::-1]])
+    return build_group(effect, axis, columns, parameters, weights)
 
 
 def build_switched_group(

@@ -89,8 +89,6 @@ class Candidate:
     # whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most: their
     # prior shares add up to less than one, and phases of different options do not compare
     scanned: bool = False
-    # whether columns after the first one are errors of its regressor, as large as the amplitude of that one makes them
-    tied: bool = False
 
     @property
     def label(self) -> str:

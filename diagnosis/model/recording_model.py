@@ -25,7 +25,6 @@ Long recordings are condensed to fewer steps and observations (`diagnosis.model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -36,7 +35,6 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 
 from diagnosis.model import process_projection
-from diagnosis.model.rounded_covariates import RoundedCovariate, find_rounded_covariates
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, find_flight_directions
@@ -176,11 +174,6 @@ class RecordingModel:
             span_s=(self.recording.intervals[0].start_s, self.recording.intervals[-1].stop_s),
             housekeeping=interpolate_housekeeping(self.recording, self.t_s),
         )
-
-    @cached_property
-    def rounded_covariates(self) -> Mapping[str, RoundedCovariate]:
-        """The housekeeping columns that are recorded to a coarse step."""
-        return find_rounded_covariates(self.recording)
 
     @cached_property
     def references(self) -> References:
