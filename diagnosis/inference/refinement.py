@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
-import numpy as np
-
-from diagnosis.inference.search import Explanation, Score, Search
+from diagnosis.inference.search import Explanation, Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate, Wanted
 
 NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
@@ -26,57 +23,12 @@ def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:
     places = [member for explanation in likely for member in explanation.members]
     places += find_near_alternatives(search, likely[0]) if likely else []
     places = [member for member in places if not search.model.candidate(member).process]
-    processes = find_whole_processes(search, likely)
+    processes = [one for explanation in likely for one in explanation.members if search.model.candidate(one).process]
     search.forget()
     linear = moments
-    for member in {member.candidate: member for member in reversed(places)}.values():
+    for member in [*{member.candidate: member for member in reversed(places)}.values(), *processes]:
         linear = linear.refine(linear, member)
-    # Processes last: their finer scales are numbered anew, and the others of a set are held at theirs.
-    for member in processes:
-        scales = linear.candidate(member).scales
-        scale = int(np.argmin(np.abs(np.log(scales / search.model.scale(member)))))
-        linear = linear.refine(linear, replace(member, scale=scale))
     return linear
-
-
-def find_whole_processes(search: Search, likely: Sequence[Explanation]) -> list[SelectedCandidate]:
-    """Where random processes explain best with all of their columns: those in some explanations, and those that may be instead.
-
-    Of a strong process the columns that are usual hold a part only, of a short time constant more than of a long one. They
-    favour another option than all columns do, other effects beside it, and that process of several whose part is larger.
-    Each listed process about the same axis is therefore asked with all columns, alone and beside the other members.
-    """
-    model = search.model
-    random = [
-        (member, explanation) for explanation in likely for member in explanation.members if model.candidate(member).process
-    ]
-    axes = {model.candidate(member).axis for member, _ in random}
-    givens = list(dict.fromkeys([(), *(_list_other_members(explanation, member) for member, explanation in random)]))
-    found: dict[tuple[SelectedCandidate, ...], list[tuple[float, SelectedCandidate]]] = {given: [] for given in givens}
-    for number, entry in enumerate(model.candidates):
-        if not (entry.process and entry.listed and entry.axis in axes):
-            continue
-        for given, score in _score_whole_process(search, number, givens):
-            found[given].append((score.best, SelectedCandidate(number, score.option, score.scale)))
-    spots = []
-    for scored in found.values():
-        top = max((best for best, _ in scored), default=0.0)
-        spots += [member for best, member in scored if best > top - REACH]
-    return list({(member.candidate, member.option): member for member in spots}.values())
-
-
-def _score_whole_process(
-    search: Search, number: int, givens: Sequence[tuple[SelectedCandidate, ...]]
-) -> Iterator[tuple[tuple[SelectedCandidate, ...], Score]]:
-    """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
-    model, alone = search.model, search.score(number, ())
-    own = [given for given in givens if all(member.candidate != number for member in given)]
-    members = list(dict.fromkeys(member for given in own for member in given))
-    held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
-    small = replace(model, candidates=(model.candidates[number], *held)).compact()
-    whole = Search(small.whole(small, SelectedCandidate(0, alone.option, alone.scale)))
-    for given in own:
-        yield given, whole.score(0, tuple(SelectedCandidate(1 + members.index(one), 0, one.scale) for one in given))
 
 
 def _list_other_members(explanation: Explanation, member: SelectedCandidate) -> tuple[SelectedCandidate, ...]:

@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.finer_processes import add_finer_process, expand_whole_process
+from diagnosis.model.finer_processes import add_finer_process
 from diagnosis.model.folds import RECORDING_SPLIT, build_folds
 from diagnosis.model.groups import CandidateColumns, list_alternative_groups, list_effect_groups
 from diagnosis.model.linear import (
@@ -169,12 +169,6 @@ def assemble_linear_model(
         finer = add_finer_times if effect.switched else use_true_rates
         return finer(model, linear, member, effect)
 
-    def whole(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
-        effect = effects.get(linear.candidate(member).effect)
-        if effect is None or not linear.candidate(member).process:
-            return linear
-        return expand_whole_process(model, linear, member, effect)
-
     def moments(linear: LinearModel, wanted: Sequence[Wanted]) -> LinearModel:
         return add_step_times(model, linear, effects, wanted)
 
@@ -190,6 +184,5 @@ def assemble_linear_model(
         folds=lambda W: build_folds(model, W),
         room=store.room,
         refine=refine,
-        whole=whole,
         moments=moments,
     )

@@ -39,12 +39,6 @@ def add_finer_process(model: RecordingModel, linear: LinearModel, member: Select
     return _build_whole_options(model, linear, member, effect, wanted, refine_scales(entry.scales, member.scale))
 
 
-def expand_whole_process(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
-    """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
-    entry = linear.candidate(member)
-    return _build_whole_options(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
-
-
 def _build_whole_options(
     model: RecordingModel,
     linear: LinearModel,

@@ -227,9 +227,6 @@ class LinearModel:
     # a model with more options around a member's own, for a parameter such as the time of a step that lies between the options;
     # the model itself where there is nothing to refine
     refine: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
-    # a model with all columns of a random process that show at the scale at which a member is held, at each of its options; the
-    # model itself where it is no process
-    whole: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
     # a model with more options of effects that are switched on, at the moments when they explain most beside each of some sets
     # of members
     moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
