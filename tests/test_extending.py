@@ -18,7 +18,6 @@ from simulator.effects.recording_view import find_interval_slices
 from simulator.effects.sensor import SensorEffect
 from simulator.sensors.raw_tables import build_nominal_suite
 from simulator.simulate import build_surroundings
-from simulator.truth.rotation import separation
 from tests import ROOT
 
 TEXT = (ROOT / "docs" / "extending.md").read_text()
@@ -95,16 +94,6 @@ def write_scenario(path, base, intervals):
     path.write_text("\n".join(lines).replace("'", '"'))
 
 
-@one_of("bias_eclipse")
-def test_the_bias_differs_in_the_shadow(example):
-    plain = simulator.simulate(SCENARIO, noise=False)
-    made = simulator.simulate(SCENARIO, noise=False, effects=[parse(ASKED["bias_eclipse"])])
-    high = np.rad2deg(made.gyro.rates - plain.gyro.rates)[:, 2] * 3600
-    assert set(np.round(high, 6)) == {0.0, 2.0}
-    orbit = plain.gyro.t_s < plain.orbit.period_s
-    assert np.mean(high[orbit] > 1) == pytest.approx(0.37, abs=0.01)
-
-
 @one_of("bias_swing")
 def test_the_swing_has_its_covariance(example):
     path = simulator.motion(SCENARIO)
@@ -144,16 +133,6 @@ def test_the_crosstalk_is_found_by_its_own_test_and_only_where_it_is(example):
         assert found.log_odds > 10
         assert found.p_value < 1e-5
         assert np.std(made.gyro.rates[:, 1]) == pytest.approx(np.std(plain.gyro.rates[:, 1]), rel=1e-3)
-
-
-@one_of("reference_third")
-def test_the_reference_errs_three_times_an_orbit(example):
-    plain = simulator.simulate(SCENARIO, noise=False)
-    made = simulator.simulate(SCENARIO, noise=False, effects=[parse(ASKED["reference_third"])])
-    error = -np.rad2deg(separation(made.attitudes.quaternions, plain.attitudes.quaternions))
-    angle = 6 * np.pi * plain.attitudes.t_s / plain.orbit.period_s + np.deg2rad(30)
-    np.testing.assert_allclose(error[:, 0], 0.1 * np.sin(angle), atol=1e-9)
-    np.testing.assert_allclose(error[:, 1:], 0, atol=1e-9)
 
 
 @one_of("dss_focal")
@@ -218,34 +197,3 @@ def test_an_effect_from_outside_is_named_with_its_size(example, is_against_all):
     random = not on_sensors and example.is_process
     assert cause.probability > (0.95 * (1 - DEFAULT.unlisted_share) if random else 0.8)
     assert abs(cause.size - asked.size) < 3 * cause.sigma
-
-
-VOLTAGE = """
-from simulator.effects import Effect
-from simulator.effects.common import put_on_axis
-
-class ScaleVoltage(Effect):
-    def columns(self, stream, axis, parameters):
-        return put_on_axis(1e-6 * stream.raw[:, 2] * stream.housekeeping["bus_voltage_v"], axis)
-
-    def missing(self, around):
-        return None if "bus_voltage_v" in around.stream.housekeeping else "the recording has no bus_voltage_v"
-
-EFFECT = ScaleVoltage(name="scale_voltage", summary="scale", unit="ppm per V", stage="rate", prior=(1.0, 1e4))
-"""
-
-
-def test_an_effect_that_follows_telemetry_is_simulated_on_a_recording_and_refused_without(run_cli, tmp_path):
-    (tmp_path / "mine.py").write_text(VOLTAGE)
-    scenario, base = tmp_path / "scenario.toml", tmp_path / "base"
-    write_scenario(scenario, "trmm_series", [SCENARIO.interval[1].model_dump(exclude_none=True)])
-    options = ["--effects", str(tmp_path / "mine.py"), "--effect", "scale_voltage:z=300"]
-    refused = run_cli("simulate", str(scenario), str(base), *options)
-    assert (refused.exit_code, refused.stderr) == (
-        2, "gyrocal: scale_voltage:z: does nothing here; the recording has no bus_voltage_v\n"
-    )  # fmt: skip
-    assert run_cli("simulate", str(scenario), str(base)).exit_code == 0
-    span = load(base).intervals[0]
-    (base / "housekeeping.csv").write_text(f"t_s,bus_voltage_v\n{span.start_s},27\n{span.stop_s},29\n")
-    done = run_cli("simulate", str(base), str(tmp_path / "with"), *options)
-    assert done.exit_code == 0, done.stderr

@@ -71,17 +71,6 @@ COLUMNS = ["--time", "time_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
 
 
 @pytest.mark.long
-def test_commands_work_outside_the_checkout(run, installed, tmp_path):
-    where = run("-c", "import gyrocal, studies; print(gyrocal.__file__, studies.__file__)")
-    assert str(ROOT) not in where
-    assert str(installed.parents[1]) in where
-    assert "trmm_series" in run("-m", "gyrocal", "scenarios")
-    run("own_log.py", "desk")
-    run("-m", "gyrocal", "allan", "desk/gyro.csv", *COLUMNS, "--report", "allan.html")
-    assert (tmp_path / "allan.html").stat().st_size > 10_000
-
-
-@pytest.mark.long
 def test_the_tutorial_begins_outside_the_checkout(run, tmp_path):
     run("own_log.py", "desk")
     tables = ["desk/gyro.csv", "desk/mocap.csv", "desk/rec", "--quat", "qw,qx,qy,qz:body-to-inertial"]

@@ -1,7 +1,5 @@
 """The loop's benchmark compares two ways of flying the same; how fast either is, is not tested."""
 
-import pytest
-
 from benchmarks import mission_loop
 
 
@@ -9,11 +7,3 @@ def test_compiled_and_plain_fly_the_same():
     document = mission_loop.run(days=0.01, plain_seconds=90.0, rounds=1)
     assert document["difference_deg"] < mission_loop.AGREEMENT_DEG
     assert document["plain_vs_compiled"] > 1.0
-
-
-def test_a_difference_is_told(monkeypatch):
-    slow = mission_loop.fly(90.0)[1].telemetry.to_numpy()
-    slow[-1, 1] += 1e-6
-    monkeypatch.setattr(mission_loop, "plain", lambda seconds: (1.0, slow.tolist()))
-    with pytest.raises(AssertionError, match="differ"):
-        mission_loop.run(days=0.01, plain_seconds=90.0, rounds=1)

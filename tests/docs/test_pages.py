@@ -155,10 +155,6 @@ def start_scheduler(line):
         yield cluster.scheduler_address
 
 
-def test_every_command_has_an_example():
-    assert {name.split()[1] for name in HELP} == set(main.list_commands(None))
-
-
 def test_blocks_of_toml_are_what_they_say(tmp_path):
     """Those of plan, compare and ci are files of `world`, that of requirements.md is run with its study."""
     (block,) = blocks("docs/import.md", "toml")

@@ -9,11 +9,6 @@ from gyrocal import attitude
 VECTORS = arrays(float, 3, elements=st.floats(-1.5, 1.5))
 
 
-@given(VECTORS, VECTORS)
-def test_cross_matrix_is_the_cross_product(v, u):
-    np.testing.assert_allclose(attitude.cross_matrix(v) @ u, np.cross(v, u), atol=1e-15)
-
-
 def test_quaternion_is_scalar_last_inertial_to_body():
     # Wertz: a turn by +90 deg about z takes inertial x to body -y; q = [0, 0, sin 45, cos 45].
     s = np.sqrt(0.5)
@@ -50,9 +45,3 @@ def test_linear_residual_has_the_sign_of_the_full_one_and_third_order_error(size
     linear = attitude.residual_linear(attitude.rotation_matrix(theta) @ A, A)
     error = np.linalg.norm(linear - theta)
     assert error == pytest.approx(size**3 / 6, rel=1e-3, abs=1e-16)
-
-
-def test_printed_form_of_n29_has_the_opposite_sign():
-    theta = np.array([1e-4, 0, 0])
-    delta = attitude.rotation_matrix(theta)
-    assert 0.5 * (delta[1, 2] - delta[2, 1]) == pytest.approx(-1e-4, rel=1e-6)

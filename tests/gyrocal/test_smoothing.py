@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gyrocal.smoothing import smooth_axis, smooth_run
+from gyrocal.smoothing import smooth_axis
 
 COUNT = 4000
 DRAWS = 20
@@ -53,10 +53,3 @@ def test_a_quadratic_goes_through_to_rounding():
     at = np.linspace(-1.0, 1.0, 501)
     truth = 3e3 * at**2 - 1e3 * at + 7.0
     assert smooth_axis(truth, 1.0, np.inf, 1e-3)[0] == pytest.approx(truth, abs=1e-9)
-
-
-@pytest.mark.parametrize(("smooth_s", "sigma"), [(0.0, 1.0), (np.inf, 0.0)])
-def test_nothing_is_smoothed_without_a_window_or_noise(smooth_s, sigma):
-    rates = np.column_stack([drawn(MOTIONS["rest"], number) for number in range(3)])
-    rates[100] += 1e3
-    assert smooth_run(rates, 1.0, smooth_s, np.full(3, sigma)) == pytest.approx(rates, abs=0)

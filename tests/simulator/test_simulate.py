@@ -3,7 +3,7 @@ import pytest
 
 import simulator
 from gyrocal import recording as recording_file
-from simulator.simulate import list_reference_times, sample_edges
+from simulator.simulate import list_reference_times
 from simulator.truth.integration import accumulate
 from simulator.truth.maneuvers import Hold, Profile, Slew
 from simulator.truth.orbit import CircularOrbit
@@ -39,17 +39,6 @@ def test_the_flights_prelaunch_residuals_are_predicted():
     assert np.sqrt(np.mean(gap**2)) < 0.022
 
 
-def test_raw_rates_carry_the_true_parameters():
-    G = np.eye(3) + 1e-2 * np.arange(9).reshape(3, 3)
-    bias = np.array([1e-5, -2e-5, 3e-5])
-    nominal = simulator.observe(TRMM, MOTION, gyro_rng=None, reference_rng=None)
-    dispersed = simulator.observe(TRMM, MOTION, gyro_rng=None, reference_rng=None, G=G, bias=bias)
-    true_bias = np.deg2rad(TRMM.gyro.true_bias_deg_s)
-    np.testing.assert_allclose(nominal.gyro.rates @ np.array(TRMM.gyro.true_G).T + true_bias, MOTION.rates, atol=1e-17)
-    np.testing.assert_allclose(dispersed.gyro.rates @ G.T + bias, MOTION.rates, atol=1e-17)
-    np.testing.assert_array_equal(dispersed.gyro.apriori_G, TRMM.gyro.apriori_G)
-
-
 def test_noise_has_the_stated_size():
     """At 5 sigma of a standard deviation from 143 370 gyro draws and 1083 reference draws."""
     scenario = simulator.load("trmm_series")
@@ -82,20 +71,6 @@ def test_a_cut_sample_has_the_noise_of_its_duration():
     arw = np.deg2rad(TRMM.gyro.arw_deg_per_sqrt_s)
     np.testing.assert_allclose((noisy - clean)[cut], draws[cut] * arw / np.sqrt(0.1), rtol=1e-9)
     np.testing.assert_allclose((noisy - clean)[cut - 1], draws[cut - 1] * arw / np.sqrt(0.5), rtol=1e-9)
-
-
-def test_time_tags_do_not_accumulate_error():
-    scenario = simulator.override(TRMM, {"gyro.sample_s": 0.1})
-    times = simulator.motion(scenario).t_s[-11100:]
-    np.testing.assert_array_equal(times, 2804550.0 + 0.1 * np.arange(11100))
-
-
-@pytest.mark.parametrize(("length", "count", "last"), [(600.0, 1200, 0.5), (600.2, 1201, 0.2), (0.1, 1, 0.1)])
-def test_last_sample_is_cut_by_the_stop(length, count, last):
-    edges = sample_edges(length, 0.5)
-    assert edges.size == count + 1
-    assert edges[-1] == length
-    assert edges[-1] - edges[-2] == pytest.approx(last, abs=1e-12)
 
 
 def test_samples_of_an_uneven_interval_lead_to_its_end():
@@ -150,11 +125,3 @@ def test_series_leaves_out_slews_and_transitions():
     profile = Profile(LOW_ORBIT, 0.0, 1030.0, 0.0, (Slew(Z, 1.0, 100.0, 150.0),), Hold(400.0, 900.0, 100.0, np.zeros(3)))
     expected = [0, 50, 100, 250, 300, 350, 400, 500, 550, 600, 650, 700, 750, 800, 900, 950, 1000, 1030]
     assert list_reference_times(profile, 50.0).tolist() == expected
-
-
-@pytest.mark.parametrize("every", [0.1, 7.0, 60.0, 1e4])
-def test_series_holds_both_ends_once(every):
-    times = list_reference_times(Profile(LOW_ORBIT, 0.0, 60.0, 0.0), every)
-    assert times[0] == 0.0
-    assert times[-1] == 60.0
-    assert np.diff(times).min() > 1e-3

@@ -33,16 +33,6 @@ def test_sigmas_and_chi2_are_those_of_the_covariance_of_the_difference(seed, hel
     np.testing.assert_array_equal(found.in_sigma[~solved], 0)
 
 
-def test_errors_of_independent_calibrations_have_uniform_p_values():
-    rng = np.random.default_rng(5)
-    P = [draw_covariance(rng, np.ones(12)) for _ in range(2)]
-    L = [np.linalg.cholesky(one / np.outer(SIZES, SIZES)) * SIZES[:, None] for one in P]
-    x = [[GyroParameters.from_vector(one @ rng.normal(size=12)) for one in L] for _ in range(1000)]
-    p = [compute_change(a, P[0], b, P[1], False).p_value for a, b in x]
-    assert abs(np.mean(p) - 0.5) < 4 / np.sqrt(12 * len(p))
-    assert abs(np.mean(np.array(p) < 0.1) - 0.1) < 4 * 0.3 / np.sqrt(len(p))
-
-
 def test_combination_that_is_held_counts_no_degree_of_freedom():
     """One gyro's scale factor alone: three elements of G that move together."""
     column = np.zeros(12)

@@ -13,9 +13,7 @@ from gyrocal import (
     UnobservableError,
     attitude,
     calibrate,
-    residual_table,
 )
-from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
@@ -46,16 +44,6 @@ def test_noise_free_piecewise_constant_rates_are_recovered(kind, psi, request):
     assert result.chi2 < 1e-6
     after = result.residuals.filter(like="after").to_numpy()
     assert np.abs(after).max() < 1e-9
-
-
-def test_one_iteration_leaves_the_quadratic_term_and_the_second_removes_it(ends):
-    one = calibrate(ends, iterations=1, initial=PRELAUNCH)
-    two = calibrate(ends, iterations=2, initial=PRELAUNCH)
-    assert len(two.corrections) == 2
-    first, second = (np.abs(c.G).max() for c in two.corrections)
-    assert 3e-8 < second < 1e-5 < first  # N Table 5: 1e-3, then 1e-6
-    assert np.abs(one.G - TRUTH.G).max() == pytest.approx(second, rel=0.05)
-    assert np.abs(two.G - TRUTH.G).max() < 1e-8
 
 
 @pytest.mark.parametrize(("space", "solve_for"), [("gain", "all"), ("gyro", "all,-c_y")])
@@ -168,25 +156,6 @@ def test_the_prior_is_counted_once_over_iterations():
     assert np.abs(few.G - PRELAUNCH.G).max() > 1e-4
 
 
-def test_linear_residual_and_table_without_estimating(ends):
-    table = residual_table(ends, PRELAUNCH)
-    result = calibrate(ends, initial=PRELAUNCH, iterations=1)
-    np.testing.assert_array_equal(table["before_roll_deg"], result.residuals["before_roll_deg"])
-    assert "after_roll_deg" not in table
-    full, linear = table["before_pitch_deg"], table["before_linear_pitch_deg"]
-    assert 0 < np.abs(full - linear).max() < 1e-4
-
-
-def test_skipping_and_averaging_steps():
-    recording = piecewise_recording(arw=np.deg2rad(3e-4), rng=np.random.default_rng(6))
-    fine = calibrate(recording, resampling="average")
-    averaged = calibrate(recording, step_s=2.0, resampling="average")
-    skipped = calibrate(recording, step_s=2.0, resampling="skip")
-    # Means keep the integral, so the answer hardly moves; skipping throws noise averaging away and its sigma says so.
-    assert np.abs((averaged.G - fine.G) / fine.sigma[:9].reshape(3, 3)).max() < 0.05
-    assert (skipped.sigma > 1.2 * fine.sigma).all()
-
-
 @pytest.mark.parametrize(
     ("kwargs", "text"),
     [
@@ -207,42 +176,6 @@ def test_bad_arguments_are_refused(ends, kwargs, text):
         calibrate(ends, **kwargs)
 
 
-def test_json_has_the_documented_keys(ends):
-    document = calibrate(ends).to_json()
-    assert {
-        "format", "recording", "psi", "iterations", "converged", "G", "bias_deg_s", "sigma_G", "sigma_bias_deg_s",
-        "attenuation_G", "parameters", "covariance", "covariance_model", "corrections", "residuals", "unobservable",
-    } <= set(document)  # fmt: skip
-    assert document["parameters"] == list(NAMES)
-    assert np.shape(document["covariance"]) == (12, 12)
-    assert len(document["residuals"]) == 6
-    assert np.rad2deg(1) ** 2 * 1e-30 < document["covariance"][11][11] < 1e-8
-
-
-def test_compiled_iterations_are_those_of_calibrate():
-    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0, series_s=300.0)
-    for psi in ("full", "linear"):
-        prepared = prepare_measurements(recording)
-        result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
-        compiled = Problem.build(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
-        np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
-        np.testing.assert_allclose(compiled.x[-1][9:], result.bias, rtol=0, atol=1e-16)
-        np.testing.assert_allclose(compiled.theta, result.history, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(compiled.P, result.covariance, rtol=1e-9)
-        assert compiled.chi2 == pytest.approx(result.chi2, rel=1e-9)
-
-
-def test_not_looking_back_changes_nothing_but_what_is_looked_at():
-    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
-    problem = Problem.build(recording, prepare_measurements(recording))
-    full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
-    np.testing.assert_array_equal(full.x, short.x)
-    np.testing.assert_array_equal(full.P, short.P)
-    np.testing.assert_array_equal(full.theta[0], short.theta[0])
-    assert np.isnan(short.theta[1]).all()
-    assert np.isnan(short.chi2)
-
-
 def test_a_prepared_problem_takes_another_cases_data():
     first, second = (
         piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
@@ -253,15 +186,6 @@ def test_a_prepared_problem_takes_another_cases_data():
     expected = calibrate(second, initial=PRELAUNCH, iterations=2, step_s=4.0, resampling="average")
     np.testing.assert_allclose(moved.x[-1], expected.parameters.vector, rtol=0, atol=1e-13)
     np.testing.assert_array_equal(prepared.measurements.arcs.raw, prepare_measurements(first, 4.0, "average").arcs.raw)
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-12, 0.99e-9, 1.01e-9, 1e-6, 0.1, 2.0, 3.0])
-def test_compiled_residual_is_the_rotation_vector(size):
-    theta = size * np.array([0.6, -0.64, 0.48])
-    A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))
-    A_obs = attitude.rotation_matrix(theta) @ R @ A
-    np.testing.assert_allclose(accumulation.compute_attitude_residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
-    np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)
 
 
 def test_chi2_with_a_prior_has_the_degrees_of_freedom_it_claims():

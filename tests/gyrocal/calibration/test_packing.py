@@ -6,8 +6,6 @@ import pytest
 from gyrocal import Arcs
 from gyrocal.calibration.increment_packing import LANES, is_unbroken
 
-G = np.eye(3) + 1e-3 * np.arange(9).reshape(3, 3)
-BIAS = np.array([1e-5, -2e-5, 3e-5])
 # Pieces of several chunks and of less than one; in the last, outputs enough for a second batch of lanes, one of them of a step.
 OUTPUTS = {"one": [0, 20_011], "short": [0, 3, 501], "several": [0, 1, *range(600, 42_000, 1003)]}
 
@@ -38,13 +36,6 @@ def test_every_step_is_where_its_lane_reads_it(edges, spread):
     assert arcs.largest_increment == pytest.approx(np.linalg.norm(arcs.raw * arcs.dt[:, None], axis=1).max(), rel=1e-14)
 
 
-def test_a_workspace_is_overwritten_whole():
-    arcs = arcs_of(OUTPUTS["several"])
-    workspace = np.full(arcs.increments.shape, np.nan)
-    assert arcs.with_rates(arcs.rates, workspace).increments is workspace
-    np.testing.assert_array_equal(workspace, arcs.increments)
-
-
 def test_rates_and_durations_of_any_layout_and_kind_are_packed():
     # The packing reads memory by its address.
     arcs = arcs_of(OUTPUTS["one"])
@@ -62,12 +53,3 @@ def test_samples_left_out_or_held_twice_break_a_piece():
     assert is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
     assert not is_unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
     assert not is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
-
-
-def test_averaged_steps_are_means():
-    whole = arcs_of([0, 90])
-    rates, fine = np.random.default_rng(7).normal(size=(90, 3)), np.arange(0, 91, 4)
-    dt = np.add.reduceat(whole.dt, fine[:-1])
-    arcs = Arcs(rates, dt, whole.sample, np.array([0]), np.array([len(dt)]), np.array([0]), np.append(fine[:-1], 90), whole.dt)
-    expected = np.add.reduceat(rates * whole.dt[:, None], fine[:-1]) / dt[:, None]
-    np.testing.assert_allclose(arcs.raw, expected, rtol=1e-13)

@@ -1,21 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
-from gyrocal import NAMES, GyroParameters, InputError, select
+from gyrocal import NAMES, InputError, select
 from tests.builders import TRUTH
-
-SMALL = arrays(float, (3, 3), elements=st.floats(-0.05, 0.05))
-
-
-@given(SMALL, arrays(float, 3, elements=st.floats(-1e-3, 1e-3)))
-def test_both_forms_are_one_to_one(delta, bias):
-    parameters = GyroParameters(np.eye(3) + delta, bias)
-    back = GyroParameters.from_gyros(parameters.bias, parameters.scale_factor, parameters.misalignment)
-    np.testing.assert_array_equal(back.vector, parameters.vector)
-    np.testing.assert_array_equal(GyroParameters.from_vector(parameters.vector).vector, parameters.vector)
 
 
 def test_table_has_the_flights_calibrated_values():
@@ -46,10 +33,3 @@ def test_subsets(text, count):
 def test_unknown_or_empty_subset_is_refused(bad):
     with pytest.raises(InputError):
         select(bad)
-
-
-def test_bad_shapes_are_refused():
-    with pytest.raises(InputError, match="3×3"):
-        GyroParameters(np.eye(2), np.zeros(3))
-    with pytest.raises(InputError, match="finite"):
-        GyroParameters(np.eye(3), [0, 0, np.nan])

@@ -1,19 +1,15 @@
 """Two flights whose reference attitudes come from batches: intervals that share nothing, and a chain that shares batches."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, GyroStream, Interval, Recording
-from gyrocal.attitude import rotation_matrix
 from gyrocal.estimation.batch import BatchResult, Weighting
 from gyrocal.estimation.reference_covariance import reference_attitudes
 from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, RPO, build_timeline_flight, run_star_batch
 from tests.gyrocal.estimation.flights import Flight
 
-Array = NDArray[np.float64]
 Rate = tuple[float, float, float]
 Span = tuple[float, float, tuple[float, ...]]  # measured from, measured to, attitudes wanted at
 
@@ -47,37 +43,6 @@ class ReferenceCase:
         t, rates = (np.concatenate([getattr(gyro, field) for gyro in gyros]) for field in ("t_s", "rates"))
         stream = GyroStream(t, rates, gyros[0].sample_s, self.arw)
         return Recording(self.name, REFERENCE_CASE_EPOCH, stream, reference_attitudes(batches), self.intervals), batches
-
-
-def build_separate_case(truth: GyroParameters, arw: float = ATTITUDE_CASE_ARW) -> ReferenceCase:
-    """No two intervals share a batch: a C (3, 3) of each says all; arw in rad/sqrt(s)."""
-    Plan = tuple[Sequence[tuple[Rate, float]], Sequence[Span], tuple[float, float], float]
-    flights: list[Plan] = []
-    for k, rate in enumerate((FORWARD, BACKWARD, SIDEWAYS, STILL)):
-        flights.append(([(rate, 1800.0)], [(600.0, 1200.0, (0.0, 1800.0))], (0.0, 1800.0), 4000.0 * k))
-    slews = (
-        (FORWARD, (0.0, 0.0, SLEW_RATE), BACKWARD),
-        (BACKWARD, (SLEW_RATE, 0.0, 0.0), STILL),
-        (FORWARD, (0.0, SLEW_RATE, 0.0), STILL),
-        (SIDEWAYS, (0.0, 0.0, -SLEW_RATE), FORWARD),
-    )
-    for k, (before, slew, after) in enumerate(slews):
-        parts = [(before, 900.0), (slew, 600.0), (after, 900.0)]
-        two = [(0.0, 900.0, (900.0,)), (1500.0, 2400.0, (1500.0,))]
-        flights.append((parts, two, (900.0, 1500.0), 16000.0 + 4000.0 * k))
-    motions = tuple(
-        build_timeline_flight(
-            parts, truth.G, arw=arw, start_s=at, start=rotation_matrix(np.array([0.1, 0.2 * k, 0.3])), bias=truth.bias
-        )
-        for k, (parts, _, _, at) in enumerate(flights)
-    )
-    spans = tuple(
-        (k, (at + low, at + high, tuple(at + t for t in times)))
-        for k, (_, batches, _, at) in enumerate(flights)
-        for low, high, times in batches
-    )
-    intervals = tuple(Interval(f"m{k}", "", at + low, at + high) for k, (_, _, (low, high), at) in enumerate(flights))
-    return ReferenceCase("apart", motions, spans, intervals)
 
 
 def build_chain_case(truth: GyroParameters, arw: float = 0.2 * ATTITUDE_CASE_ARW) -> ReferenceCase:

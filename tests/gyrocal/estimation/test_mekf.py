@@ -11,7 +11,6 @@ from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.sensors.series import SensorSeries
 from tests.builders import TRUTH, mean_bounds, state_errors
 from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
-from tests.gyrocal.estimation.flights import DirectionSensor
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 P0 = np.diag(SIGMA**2)
@@ -132,27 +131,6 @@ def test_numbers_with_infinite_sigma_do_not_act(flight):
     )
     alone = started(flight, np.random.default_rng(1))
     assert alone.update(series.model, 0, np.full(6, np.nan), np.full(6, np.inf)) is None
-
-
-def test_what_the_sensor_should_not_see_does_not_act(flight):
-    """A model answers NaN where it expects nothing, as the Earth sensor past the horizon."""
-
-    class Half(DirectionSensor):
-        def predict(self, A, rows):
-            return np.where(np.arange(6) < 3, super().predict(A, rows), np.nan)
-
-    series = simulate_direction_series(flight, np.random.default_rng(17))
-    found, same = (
-        run(started(flight, np.random.default_rng(1)), flight.gyro(), [one], 0.0, TIMES[:1])
-        for one in (
-            dataclasses.replace(series, model=Half(series.model.directions)),
-            dataclasses.replace(series, sigma=np.where(np.arange(6) < 3, series.sigma, np.inf)),
-        )
-    )
-    np.testing.assert_array_equal(found.x, same.x)
-    assert (found.innovations.dof == 3).all()
-    blind = DirectionSensor((np.full((1, 3), np.nan),))
-    assert started(flight, np.random.default_rng(1)).update(blind, 0, np.zeros(3), np.ones(3)) is None
 
 
 def test_wrong_use(flight):

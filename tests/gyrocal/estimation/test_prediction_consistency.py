@@ -39,27 +39,6 @@ def test_normalised_errors_in_the_second_half_are_one(remainder):
         assert without.max() > 1.6, without
 
 
-def test_noise_of_a_prediction_grows_with_each_process():
-    recording = simulate_remainder(0)
-    known = KnownCalibration(TRUTH, np.diag([1e-8] * 12), RemainderNoise())
-    start, times = known.apply(recording), np.array([50.0, 60.0])
-    plain = predict(start, 40.0, times, known.covariance)
-    none = predict(start, 40.0, times, known.covariance, RemainderNoise())
-    np.testing.assert_allclose(none.covariance, plain.covariance, rtol=1e-9)
-    q = np.deg2rad(0.1)
-    for process in (
-        Process("rate", (9, 10, 11), 0.0, q**2),
-        Process("rate", (9, 10, 11), 3.0, q**2),
-        Process("rate", (9, 10, 11), np.inf, q**2),
-        Process("rate", (0, 4, 8), 3.0, 1e-4),
-        Process("reference", (0, 1, 2), 3.0, q**2),
-        Process("delay", (0,), np.inf, 1e-4),
-    ):
-        wider = predict(start, 40.0, times, known.covariance, RemainderNoise((process,)))
-        assert (np.linalg.eigvalsh(wider.covariance - plain.covariance) > -1e-4 * plain.sigma.max() ** 2).all(), process
-        assert (wider.sigma.sum(axis=1) > plain.sigma.sum(axis=1)).all(), process
-
-
 def test_white_rate_errors_are_more_angle_random_walk():
     recording = simulate_remainder(0)
     known = KnownCalibration(TRUTH, np.diag([1e-12] * 12), RemainderNoise())

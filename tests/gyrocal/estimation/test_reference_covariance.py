@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.stats
 
 from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
-from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
+from gyrocal.attitude import matrix_from_quaternion, residual
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
@@ -20,7 +20,6 @@ from tests.gyrocal.estimation.reference_cases import (
     REFERENCE_CASE_EPOCH,
     SLEW_RATE,
     build_chain_case,
-    build_separate_case,
 )
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
@@ -79,17 +78,6 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting,
     assert abs(blocks[1][0, 0] / alone - 1) > 0.15
 
 
-def test_two_attitudes_of_one_plain_batch_measure_the_bias_and_nothing_else():
-    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
-    found = references(motion, motion.gyro(), 0, 1200, (0, 900), generator(52, 0, "one"))
-    C = interval_covariance([found], [Interval("all", "", 0, 900)], ATTITUDE_CASE_ARW)[0]
-    # ψ over 900 s at a constant rate, N (11), by quadrature.
-    tau = np.linspace(0, 900, 2001)
-    turns = rotation_matrix(-tau[:, None] * (np.array(FORWARD) + found.bias - TRUE_BIAS))
-    S = np.trapezoid(turns, tau, axis=0)
-    np.testing.assert_allclose(C, S @ found.covariance[3:6, 3:6] @ S.T, rtol=1e-5, atol=1e-14)
-
-
 def test_references_come_in_the_order_of_time_and_once():
     motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
     rng = generator(52, 0, "two")
@@ -108,26 +96,6 @@ def test_references_come_in_the_order_of_time_and_once():
     ):
         with pytest.raises(InputError, match=match):
             call()
-
-
-@pytest.mark.parametrize("cases", choose_case_numbers(40, 100))
-def test_the_calibration_from_batch_attitudes_is_covered_with_the_bias_that_they_share(cases):
-    """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
-    setup = build_separate_case(TRUTH)
-    out = {"given": [], "independent": []}
-    for case in range(cases):
-        recording, batches = setup.draw(generator(53, case, "separate"))
-        C = interval_covariance(batches, setup.intervals, ATTITUDE_CASE_ARW)
-        for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
-            result = calibrate(recording, **options)
-            error = TRUE - result.parameters.vector
-            out[name].append((squared_error(error, result.covariance), squared_error(error[9:], result.covariance[9:, 9:])))
-    (everything, bias), (everything_alone, bias_alone) = (np.array(values).T for values in out.values())
-    assert is_mean_of_chi2(everything, 12)
-    assert is_mean_of_chi2(bias, 3)
-    assert not is_mean_of_chi2(bias_alone, 3)
-    assert np.mean(bias_alone) > 1.2 * 3
-    assert np.mean(everything_alone) > np.mean(everything) + 0.5
 
 
 @pytest.mark.parametrize("cases", choose_case_numbers(60, 100))

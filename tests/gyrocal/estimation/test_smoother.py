@@ -8,9 +8,9 @@ import pytest
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, compute_nees
+from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.smoother import smooth
-from tests.builders import TRUTH, mean_bounds, state_errors
+from tests.builders import TRUTH
 from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, Z, fly, simulate_direction_series
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
@@ -39,30 +39,6 @@ def test_smoothed_attitudes_are_the_batch_ones_with_their_joint_covariance():
     np.testing.assert_allclose(smoothed.attitude_covariance / scale, whole.attitude_covariance / scale, atol=2e-2)
     assert abs(whole.attitude_covariance[0, 3] / scale[0, 3]) > 5e-3
     np.testing.assert_allclose(smoothed.x[:, 9:], np.tile(whole.bias, (3, 1)), atol=1e-2 * np.sqrt(whole.covariance[3, 3]))
-
-
-def test_joint_covariance_over_seeds():
-    flight = fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
-    times = np.array([680.0, 700.0, 720.0])
-    cases, joint, alone = 60, [], []
-    for seed in range(cases):
-        found, *_ = filtered(flight, np.random.default_rng([1, seed]), times=times)
-        smoothed = smooth(found)
-        s = state_errors(smoothed.A, smoothed.x, found.names, flight.get_attitudes(times), TRUTH)
-        # The bias is one and the same at all times: attitudes at all, and the bias once.
-        wanted = np.r_[0:3, 6:9, 12:18]
-        P = smoothed.covariance.reshape(18, 18)[np.ix_(wanted, wanted)]
-        joint.append(compute_nees(s.ravel()[wanted][None], P[None])[0])
-        blocks = np.zeros_like(P)
-        for k in range(0, 12, 3):
-            blocks[k : k + 3, k : k + 3] = P[k : k + 3, k : k + 3]
-        alone.append(compute_nees(s.ravel()[wanted][None], blocks[None])[0])
-        assert (np.einsum("kiki->ki", smoothed.covariance) <= np.einsum("kii->ki", found.covariance) * (1 + 1e-9)).all()
-    low, high = mean_bounds(12, cases)
-    assert low < np.mean(joint) < high
-    # Without the correlations the mean is the same, but errors that go together make the values scatter more.
-    assert low < np.mean(alone) < high + 2
-    assert np.std(alone) > 1.4 * np.std(joint)
 
 
 def test_the_last_estimate_is_the_filters():

@@ -81,11 +81,6 @@ def test_elements_of_xml_have_names_whatever_their_order(tmp_path, place):
     np.testing.assert_allclose(x_axis(older), [0, -1, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize("frame", ["ICRF", "ICRF3", "GCRF", "EME2000", "J2000", "TOD", "TOD_EARTH", "TEME", "mod"])
-def test_inertial_frames_are_read(tmp_path, frame):
-    assert read(tmp_path, AEM, ("EME2000", frame)).frames == (frame, "SC_BODY_1")
-
-
 @pytest.mark.parametrize(
     "frame", ["LVLH", "LVLH_ROTATING", "LVLH_INERTIAL", "RTN", "ITRF", "ITRF-97", "ITRF2014", "GTOD", "TDR", "EFG", "MY_OWN"]
 )
@@ -120,24 +115,6 @@ def test_time_systems(tmp_path, system, behind):
 def test_what_an_aem_lacks_is_said(tmp_path, changes, words):
     with pytest.raises(InputError, match=words):
         read(tmp_path, AEM, *changes)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('version="2.0"', 'version="1.0"', "have no ATTITUDE_DIR, QUATERNION_TYPE"),
-        ("<Q2>0</Q2>", "", "attitude 1: 4 numbers"),
-        ("</data>", "<attitudeState><spin><EPOCH>2020-229T12:02:10</EPOCH></spin></attitudeState></data>", "attitude 2: 4"),
-    ],
-)
-def test_what_an_aem_in_xml_lacks_is_said(tmp_path, old, new, words):
-    with pytest.raises(InputError, match=words):
-        read(tmp_path, XML, (old, new))
-
-
-def test_xml_of_another_message_is_refused(tmp_path):
-    with pytest.raises(InputError, match="not an AEM: its XML begins with <oem>"):
-        read(tmp_path, XML.replace("n:aem", "n:oem"))
 
 
 @pytest.mark.parametrize("form", ["kvn", "xml"])

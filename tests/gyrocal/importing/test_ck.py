@@ -93,17 +93,6 @@ def test_a_quarter_turn_by_hand(tmp_path):
     np.testing.assert_allclose(attitude.matrix_from_quaternion(found.q[0]) @ [1, 0, 0], [0, -1, 0], atol=1e-15)
 
 
-def test_the_pool_is_left_as_it_was(kernels):
-    try:
-        toolkit.pdpool("DELTET/K", [1.7e-3])
-        with pytest.raises(InputError):
-            ck.read_ck(kernels[1], kernels[1])
-        ck.read_ck(*kernels)
-        assert (toolkit.ktotal("ALL"), toolkit.expool("SCLK_DATA_TYPE_95")) == (0, False)
-    finally:
-        toolkit.kclear()
-
-
 def test_what_a_ck_lacks_is_said(tmp_path, kernels):
     clock, ticks = write_clock(tmp_path / "c.tsc"), np.array([5.0, 6.0])
     types = write_pointing(tmp_path / "five.bc", 5, ticks, [], quaternions=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))

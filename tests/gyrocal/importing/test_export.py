@@ -9,8 +9,7 @@ import pytest
 import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams, write
-from gyrocal.recording.parts import build_empty_attitudes
+from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
 from studies.validation import mems_log
 
 
@@ -40,20 +39,6 @@ def test_references_a_turn_apart_come_back_whole_and_refuse_a_wrong_mapping(tmp_
     for wrong in ({"gyro": read["gyro"].replace("deg/s", "rad/s")}, {"gyro": "rate_y,rate_x,rate_z:deg/s"}):
         with pytest.raises(InputError, match="do not fit each other"):
             import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **(read | wrong))
-
-
-@pytest.mark.parametrize(("title", "expected"), [(None, "a flight"), ("mine", "mine")])
-def test_a_recording_without_a_title_has_that_of_its_folder(imported, tmp_path, title, expected):
-    csv_files.write_csv(imported, tmp_path)
-    read = {**load_mapping(tmp_path / "mapping.toml"), "title": title}
-    write(import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **read), tmp_path / "a flight")
-    assert gyrocal.load(tmp_path / "a flight").title == expected
-
-
-def test_without_references_there_is_nothing_to_import(imported, tmp_path):
-    source = replace(imported, attitudes=build_empty_attitudes(), without_references=True)
-    with pytest.raises(InputError, match="has no reference attitudes"):
-        csv_files.write_csv(source, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -89,16 +74,6 @@ def test_tables_are_read_as_the_recording_that_they_are_of(imported, tmp_path, s
     assert again.title == 'a "log"'
     if scale == "trial":
         assert again.epoch == epoch
-
-
-def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path):
-    gyrocal.save(imported, tmp_path / "rec")
-    done = run_cli("export", "csv", str(tmp_path / "rec"), str(tmp_path / "out"))
-    assert done.exit_code == 0, done.stderr
-    files = [str(tmp_path / "out" / name) for name in ("gyro.csv", "attitude.csv")]
-    again = run_cli("import", "csv", *files, str(tmp_path / "again"), "--mapping", str(tmp_path / "out" / "mapping.toml"))
-    assert again.exit_code == 0, again.stderr
-    np.testing.assert_allclose(gyrocal.load(tmp_path / "again").gyro.rates, imported.gyro.rates, rtol=0, atol=1e-15)
 
 
 def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path):

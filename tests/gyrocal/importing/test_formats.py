@@ -53,12 +53,6 @@ def test_a_euroc_folder_is_calibrated(run_cli, log, tmp_path, turn):
     assert mems.largest_error(recording, log) < 4
 
 
-def test_an_estimated_reference_is_said_to_be_one(log, tmp_path):
-    made = euroc.import_euroc(euroc_folder(tmp_path / "a", log, reference="state_groundtruth_estimate0"), stated_noise=False)
-    assert any("not independent" in text for text in made.assumed)
-    assert made.mapping.arw_deg_per_sqrt_s is None
-
-
 def test_the_noise_density_of_a_sensor_sheet(tmp_path):
     path = tmp_path / "sensor.yaml"
     for text in ("%YAML:1.0\ngyroscope_noise_density: 0.001\n", "gyroscope_noise_density: 1e-3\n"):
@@ -68,17 +62,3 @@ def test_the_noise_density_of_a_sensor_sheet(tmp_path):
         path.write_text(text)
         with pytest.raises(InputError, match=r"sensor\.yaml: "):
             euroc._read_noise_density(path)
-
-
-def test_tags_of_a_folder_that_follow_no_line_are_refused_without_options_that_it_lacks(log, tmp_path):
-    root = euroc_folder(tmp_path / "V", log)
-    path = tmp_path / "V" / "mav0" / "imu0" / "data.csv"
-    table = pd.read_csv(path)
-    rng = np.random.default_rng(2)
-    step = np.where(rng.random(len(table)) < 0.3, 0, rng.integers(1, 30, len(table))) * 1_000_000
-    table.iloc[:, 0] = table.iloc[0, 0] + np.cumsum(step)
-    for name in ("a_RS_S_x", "a_RS_S_y", "a_RS_S_z"):
-        table[f"{name} [m s^-2]"] = 0.0
-    table.to_csv(path, index=False)
-    with pytest.raises(InputError, match=r"--rate 97\.\d+$"):
-        euroc.import_euroc(root)

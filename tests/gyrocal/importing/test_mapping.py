@@ -77,18 +77,6 @@ def test_what_an_attitude_lacks_is_said(kind, text, values, words):
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
 
 
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
-        ({"euler": "a,b,c:deg:ZYX:body-to-world"}, "give one of quat, euler and matrix"),
-        ({"quat": None}, "give one of quat, euler and matrix"),
-    ],
-)
-def test_what_a_mapping_lacks_is_said(entries, words):
-    with pytest.raises(InputError, match=words):
-        column_mapping.validate_mapping(BASE | entries, "mine.toml")
-
-
 def test_directions_of_gyros():
     tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").directions(4)
     axes = np.array(column_mapping.TETRAHEDRON)

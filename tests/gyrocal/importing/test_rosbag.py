@@ -104,13 +104,6 @@ def test_a_quarter_turn_by_hand(tmp_path, kind):
     assert "rates are those of /imu" in said[0]
 
 
-def test_headers_without_time_are_replaced(tmp_path):
-    path = bag(tmp_path / "b.bag", [(7, 0.1, 0.2, 0.3)], [(9, 0.0, 0.0, 0.0, 1.0)], stamped=False)
-    gyro, attitudes, said = rosbag.read_bag(path)
-    assert (gyro["t"][0], attitudes["t"][0]) == (7, 9)
-    assert sum("have no time" in text for text in said) == 2
-
-
 def test_what_is_wrong_with_a_bag_is_said(tmp_path):
     one, other = [(7, 0.1, 0.2, 0.3)], [(9, 0.0, 0.0, 0.0, 1.0)]
     path = bag(tmp_path / "b.bag", one, other, extra=("/imu2",))
@@ -128,10 +121,3 @@ def test_what_is_wrong_with_a_bag_is_said(tmp_path):
         path.write_bytes(whole[:length])
         with pytest.raises(InputError, match="cannot be read as a bag"):
             rosbag.read_bag(path, "/imu")
-
-
-def test_without_the_package_it_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
-    (tmp_path / "x.bag").touch()
-    with pytest.raises(InputError, match=r"pip install 'gyrocal\[ros\]'"):
-        rosbag.read_bag(tmp_path / "x.bag")

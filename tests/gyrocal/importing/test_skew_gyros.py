@@ -1,7 +1,6 @@
 """Three gyros that are not at right angles are noticed by what the fit says, and the option that is named mends them."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,8 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from studies.cli.main import main
-from studies.validation import mems_log
-from tests.gyrocal.importing.mems import find_refusal
 
 RATES = ["gx", "gy", "gz"]
 AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1]]) / np.sqrt(3)  # three of a tetrahedron
@@ -27,13 +24,6 @@ def write_tables(folder, gyro, attitude):
     gyro.to_csv(folder / "g.csv", index=False)
     attitude.to_csv(folder / "a.csv", index=False)
     return "import", "csv", folder / "g.csv", folder / "a.csv", folder / "out", *COLUMNS
-
-
-def test_gyros_at_right_angles_are_not_called_skew():
-    for seed in range(2):
-        log = mems_log.log(np.random.default_rng(seed), seconds=60.0)
-        turned = Rotation.random(rng=seed).apply(np.array(log.gyro[RATES])).T
-        assert "--axes" not in find_refusal(replace(log, gyro=log.gyro.assign(**dict(zip(RATES, turned, strict=True)))), {})
 
 
 def turn_steadily(K, rate_deg_s, sigma_deg):
@@ -64,15 +54,3 @@ def test_skew_gyros_at_a_constant_rate_are_said_by_import_and_calibration(tmp_pa
         assert "implausible" not in mended.output
         bias = gyrocal.load(tmp_path / "out").gyro.apriori_bias
         assert np.abs(np.rad2deg(bias)).max() < 1e-3
-
-
-def test_a_turned_gyro_at_a_constant_rate_is_said_and_a_right_one_or_one_at_rest_is_not(tmp_path):
-    rate = np.array([0.06, -0.02, 0.01])
-    turned = write_tables(tmp_path, *turn_steadily(Rotation.from_rotvec([0, 0, 1.0]).as_matrix(), rate, 0.0005))
-    assert "(--mounting estimate)" in run(*turned, "--time", "t:s").output
-    for own, biased in ((rate, 0.0), (0 * rate, 0.5)):
-        gyro, attitude = turn_steadily(np.eye(3), own, 0.0005)
-        gyro[RATES] += biased
-        right = run(*write_tables(tmp_path, gyro, attitude), "--time", "t:s", "--force")
-        assert right.exit_code == 0, right.output
-        assert "the mean rate is" not in right.output

@@ -66,13 +66,6 @@ def test_a_register_that_goes_on_through_a_gap_gives_no_sample_there():
     assert any("1 differences over gaps longer than 1.5 samples are left out" in text for text in found.assumed)
 
 
-def test_a_jump_that_is_no_wrap_is_refused():
-    table = gyro()
-    table.loc[10:, "x"] += 1e5
-    with pytest.raises(InputError, match="say where: --wrap"):
-        made(table, gyro="x,y,z:deg")
-
-
 def test_rows_of_several_gyros_and_sensors_in_one_table():
     g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate")
     a = pd.concat([attitudes().assign(name="A"), attitudes().assign(name="B", t=attitudes()["t"] + 0.01)])
@@ -80,22 +73,6 @@ def test_rows_of_several_gyros_and_sensors_in_one_table():
     np.testing.assert_allclose(found.raw, made().raw)
     assert [one.name for one in found.sensors] == ["A", "B"]
     assert found.sensors[1].t_s[0] == 0.01
-
-
-def test_gyros_in_turn_are_told_by_any_column_and_label():
-    """Labels that are names of other columns, missing labels, and seconds of the day that start anew."""
-    g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate").set_axis(["1", "2", "3"], axis=1)
-    g["2"] = g["2"].map({"x": 1.0, "y": 2.0, "z": 3.0})
-    g["1"] = (g["1"] + 86395) % 86400
-    g = pd.concat([g, g.iloc[[-1]], g.iloc[[3]].assign(**{"2": np.nan})])
-    found = made(
-        g, attitudes().assign(t=attitudes()["t"] + 86395), time="1:s", attitude_time="t:s", gyro="-3:deg/s", gyro_by="2"
-    )
-    np.testing.assert_allclose(found.raw, -made().raw)
-    np.testing.assert_allclose(found.t_s, 86395 + 0.5 * np.arange(20))
-    said = " ".join(found.assumed)
-    assert "1 gyro row(s) without a gyro in 2 are left out" in said
-    assert "1 gyro row(s) of a time that another one of that gyro has are left out" in said
 
 
 def test_rows_without_numbers_and_rows_twice_are_left_out():
@@ -122,14 +99,6 @@ def test_tags_of_a_register_go_on_where_it_wraps():
     assert not any("goes back" in text for text in found.assumed)
     a["t"] %= 2**32
     np.testing.assert_allclose(made(g, a, time="t:us").sensors[0].t_s, 2**32 / 1e6 - 3 + attitudes()["t"], atol=1e-9)
-
-
-@pytest.mark.parametrize("bits", [16, 24])
-def test_shorter_registers_go_on_where_they_wrap(bits):
-    t = np.arange(0, 3 * 2**bits, 2**bits // 100)
-    tags, said = continue_tags(t % 2**bits, "us")
-    np.testing.assert_array_equal(tags, t)
-    assert said == f"wrap 2 time(s) at 2^{bits} and go on"
 
 
 @pytest.mark.parametrize(("late", "words"), [(0.03, "are too early by"), (-0.03, "are too late by")])
@@ -256,13 +225,6 @@ def test_attitudes_that_are_off_norm_by_more_than_rounding_are_left_out(kind, di
         read_streams(gyro(), a, mapping)
 
 
-def test_a_smoothed_quaternion_is_taken_as_it_is():
-    q = Rotation.random(60, rng=np.random.default_rng(2)).as_quat(scalar_first=True)
-    q *= 1 + 1e-4 * np.random.default_rng(1).normal(size=(60, 1))
-    a = pd.DataFrame(q, columns=list("wabc")).assign(t=0.1 * np.arange(60))
-    assert made(a=a).sensors[0].t_s.size == 60
-
-
 @pytest.mark.parametrize("what", ["gyro", "attitude"])
 def test_a_log_that_starts_anew_is_refused_and_the_remedy_that_is_printed_works(tmp_path, monkeypatch, what):
     """Rows of two logs would be mixed by the order of their times."""
@@ -295,19 +257,3 @@ def test_stray_tags_are_left_out_exchanged_rows_are_put_in_order_and_a_reversed_
     turned = made(gyro().iloc[::-1])
     np.testing.assert_array_equal(turned.raw, made().raw)
     assert any("in the reverse order of time" in text for text in turned.assumed)
-
-
-def test_gps_and_unix_time_meet():
-    g, a = gyro(), attitudes()
-    g["t"] += 1_281_614_528.0  # 2020-08-16T12:02:08 GPS
-    a["t"] += 1_597_579_310.0  # the same in unix time
-    found = made(g, a, time="t:gps", attitude_time="t:unix")
-    assert found.epoch == "2020-08-16T12:01:50Z"
-    assert found.sensors[0].t_s[0] == found.t_s[0] == 0.0
-
-
-def test_one_table_dated_and_the_other_not():
-    a = attitudes()
-    a["t"] = a["t"] * 1000 + 1_700_000_000_000
-    with pytest.raises(InputError, match="attitude_time: the first tag"):
-        made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)

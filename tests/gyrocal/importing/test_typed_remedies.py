@@ -124,30 +124,6 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     assert np.abs(found - true).max() < 0.3
 
 
-def write_twice(path, table):
-    """A table in two parts that were joined with their headers."""
-    parts = [part.to_csv(index=False) for part in (table[: len(table) // 2], table[len(table) // 2 :])]
-    path.write_text("".join(parts))
-
-
-@pytest.mark.parametrize("kind", ["header twice", "missing block"])
-def test_a_fault_that_is_seen_is_mended_and_said(run_cli, log, tmp_path, kind):
-    gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
-    if kind == "missing block":
-        gyro = gyro[(gyro.t < 15) | (gyro.t > 19.2)]
-    build_words = write_tables(tmp_path, gyro, attitude)
-    if kind == "header twice":
-        write_twice(tmp_path / "g.csv", gyro)
-    done = run_cli("import", "csv", *build_words(WORDS))
-    assert done.exit_code == 0, done.stderr
-    said = {
-        "header twice": r"1 row\(s\) repeat the header",
-        "missing block": r"1 gap\(s\) of the gyro longer than 1\.5 samples",
-    }
-    assert re.search(said[kind], " ".join(done.stdout.split()))
-    assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
-
-
 @pytest.mark.parametrize("kind", ["one axis", "second half", "cells"])
 def test_a_unit_that_is_not_of_the_whole_table_is_named_with_its_place(run_cli, log, tmp_path, kind):
     gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
@@ -162,15 +138,6 @@ def test_a_unit_that_is_not_of_the_whole_table_is_named_with_its_place(run_cli, 
     refused = run_cli("import", "csv", *write_tables(tmp_path, spoilt, attitude)(WORDS))
     assert refused.exit_code == 2
     assert re.search(said, refused.stderr), refused.stderr
-
-
-def test_a_wrong_grade_is_said_by_calibrate_and_goes_where_it_is_not_stated(run_cli, log, tmp_path):
-    build_words = write_tables(tmp_path, count_seconds(log.gyro, log), count_seconds(log.attitude, log))
-    for options, fits in (({"--sigma": "0.002"}, False), ({}, True)):
-        assert run_cli("import", "csv", *build_words(WORDS | options), "--force").exit_code == 0
-        text = " ".join(run_cli("calibrate", str(tmp_path / "out")).stdout.split())
-        assert ("larger than the stated noise" not in text) == fits
-        assert ("Suspect sigmas" not in text) == fits
 
 
 def test_smooth_references_are_refused_until_their_sigma_is_stated(run_cli, log, tmp_path):

@@ -3,7 +3,6 @@
 import os
 import shutil
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -50,14 +49,6 @@ def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
     monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows - 1)
     monkeypatch.setattr(parquet, "read", lambda *arguments, **options: pytest.fail("it was read"))
     assert f"gyro.parquet: {rows} rows of 4 columns are more than can be read" in refusal(folder)
-
-
-def test_many_columns_are_refused(folder):
-    frame = pd.DataFrame(
-        np.zeros((2, bounds.MOST_FILE_COLUMNS + 1)), columns=[f"c{k}" for k in range(bounds.MOST_FILE_COLUMNS + 1)]
-    )
-    frame.to_parquet(folder / "housekeeping.parquet")
-    assert "1001 columns, of 1000 at most" in refusal(folder)
 
 
 def test_a_header_that_is_none(folder):

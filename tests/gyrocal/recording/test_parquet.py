@@ -52,23 +52,6 @@ def test_a_wrong_column_under_a_right_checksum_is_seen(tmp_path):
     assert list(parquet.read(path)["rate"]) == [1.0, 2.0]
 
 
-def test_tables_of_every_kind_come_back(tmp_path):
-    frame = pd.DataFrame(
-        {
-            "t_s": [1.0, np.nan, 3.0],
-            "text": ["x", "ψ", None],
-            "flag": [True, False, True],
-            "count": pd.array([1, None, 3], dtype="Int64"),
-            "day": pd.to_datetime(["2020-01-01", None, "2021-01-01"]),
-            "kind": pd.Categorical(["u", "v", "u"]),
-        }
-    )
-    for table in (frame, frame.iloc[:0].drop(columns="kind")):
-        with (tmp_path / "a.parquet").open("wb") as file:
-            parquet.write(table, file)
-        pd.testing.assert_frame_equal(parquet.read(tmp_path / "a.parquet"), table)
-
-
 @pytest.mark.parametrize("failing", [1, 2])
 def test_a_recording_that_cannot_be_replaced_stays(tmp_path, monkeypatch, failing):
     save(recording(1), tmp_path)

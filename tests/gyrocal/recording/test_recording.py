@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, calibrate, load, save
-from gyrocal.recording.parts import build_empty_attitudes
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
@@ -27,14 +26,6 @@ def test_round_trip(folder):
     np.testing.assert_allclose(back.attitudes.sigma, original.attitudes.sigma, rtol=4e-16)
     assert back.intervals == original.intervals
     assert (back.title, back.epoch, back.time_scale, back.orbit) == (original.title, original.epoch, "UTC", None)
-
-
-def test_optional_tables_are_kept(folder):
-    recording = dataclasses.replace(
-        load(folder), tables={"housekeeping": pd.DataFrame({"t_s": [0.0], "gyro_temperature_c": [20.0]})}
-    )
-    save(recording, folder)
-    pd.testing.assert_frame_equal(load(folder).tables["housekeeping"], recording.tables["housekeeping"])
 
 
 def test_the_axis_that_flies_forward_is_kept(folder):
@@ -144,26 +135,6 @@ def test_bad_input_ends_in_one_line_and_status_2(kind, folder, run_cli):
     with pytest.raises(Exception, match=r".") as caught:  # the library raises the same message
         calibrate(load(folder))
     assert str(caught.value) in result.stderr
-
-
-def test_any_title_survives_the_disk(tmp_path):
-    title = 'a "quoted" [/b] title\x01\x7f\r\n with ψ'
-    save(dataclasses.replace(piecewise_recording(PLAN), title=title), tmp_path)
-    assert load(tmp_path).title == title
-
-
-def test_a_recording_of_other_than_three_rates_or_without_references_is_refused():
-    one = piecewise_recording()
-    for changes, words in (
-        ({"gyro": {"rates": one.gyro.rates[:, :2]}}, "join_gyros makes three of more gyros"),
-        ({"gyro": {"rates": np.full(one.gyro.rates.shape, np.nan)}}, "finite"),
-        ({"gyro": {"apriori_G": np.ones((3, 3))}}, "must not lie in one plane"),
-        ({"attitudes": vars(build_empty_attitudes())}, "attitude: no rows"),
-    ):
-        with pytest.raises(InputError, match=words):
-            dataclasses.replace(
-                one, **{name: dataclasses.replace(getattr(one, name), **values) for name, values in changes.items()}
-            )
 
 
 def test_correlations_are_three_columns_of_a_covariance(folder):

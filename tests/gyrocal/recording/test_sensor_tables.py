@@ -1,13 +1,10 @@
 """Raw tables of the attitude sensors in a recording."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from gyrocal import InputError, load, save
-from gyrocal.recording.sensor_tables import SensorTables
 from simulator import scenario
 from simulator.simulate import simulate
 
@@ -33,35 +30,6 @@ def test_what_is_saved_is_loaded(recording, tmp_path):
     assert not found.tables
     times, counts = found.sensors.sun.select_sensor(2)
     assert times.size == len(counts) == (recording.sensors.sun.sensor == 2).sum()
-
-
-def test_a_recording_without_has_none(recording, tmp_path):
-    save(recording, tmp_path)
-    save(replace(recording, sensors=None), tmp_path)
-    assert load(tmp_path).sensors is None
-    assert not (tmp_path / "sun_sensor.parquet").exists()
-    save(replace(recording, sensors=SensorTables(sun=recording.sensors.sun)), tmp_path)
-    found = load(tmp_path).sensors
-    assert found.earth is None
-    assert found.ephemeris is None
-
-
-def test_a_table_of_another_kind_is_kept_as_it_is(recording, tmp_path):
-    plain = replace(
-        recording, sensors=None, tables={"sun_sensor": pd.DataFrame({"t_s": [0.0, 1.0], "elevation_deg": [3.0, 4.0]})}
-    )
-    save(plain, tmp_path)
-    found = load(tmp_path)
-    assert found.sensors is None
-    pd.testing.assert_frame_equal(found.tables["sun_sensor"], plain.tables["sun_sensor"])
-
-
-def test_an_unused_angle_may_be_anything(recording, tmp_path):
-    save(recording, tmp_path)
-    table = pd.read_parquet(tmp_path / "earth_sensor.parquet")
-    table.loc[3, "penetration_2_deg"], table.loc[3, "used_2"] = np.nan, False
-    table.to_parquet(tmp_path / "earth_sensor.parquet")
-    assert not load(tmp_path).sensors.earth.used[3, 1]
 
 
 def broken(column, row, value):

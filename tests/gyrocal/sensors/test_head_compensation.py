@@ -15,24 +15,12 @@ def change(found, beta):
     return np.arctan(found.c * np.tan(beta) + found.d) - beta
 
 
-def test_heads_are_the_simulators():
-    np.testing.assert_array_equal(HEAD_ANGLES["DSS-1"], truth.HEAD_DSS1)
-    np.testing.assert_array_equal(HEAD_ANGLES["DSS-2"], truth.HEAD_DSS2)
-
-
 def test_compensation_at_one_alpha_is_exact():
     head = np.array([0.2, -0.1, 0.15])  # large: nothing of it is first order
     for alpha in (-0.6, 0.0, 0.3):
         found = compute_compensation(head, alpha)
         seen = np.arctan([truth.compute_head_tangents(np.tan(alpha), np.tan(beta), 1.0, head)[1] for beta in BETA])
         np.testing.assert_allclose(np.arctan(found.c * np.tan(seen - head[2]) + found.d), BETA, atol=1e-13)
-
-
-def test_compensation_to_first_order():
-    for size, tolerance in ((1e-3, 3e-6), (1e-4, 3e-8)):
-        e1, e2, _ = head = size * np.array([1.0, -0.7, 0.5])
-        found = compute_compensation(head, 0.4)
-        np.testing.assert_allclose([found.c - 1, found.d], np.tan(0.4) * np.array([e1, e2]), atol=tolerance)
 
 
 def test_in_the_plane_of_the_yaw_update_nothing_is_left_to_compensate():
@@ -43,19 +31,6 @@ def test_in_the_plane_of_the_yaw_update_nothing_is_left_to_compensate():
         assert abs(found.d) < limit
         assert abs(PUBLISHED_COMPENSATION[name].c - 1) > 20e-6
         assert abs(PUBLISHED_COMPENSATION[name].d) > 50e-6
-
-
-def test_no_alpha_gives_the_published_ratio():
-    """d/(c − 1) is e₂/e₁ at any α; with everything rounded in its favour it keeps the other sign, and 7 times too large."""
-    for name, sign in (("DSS-1", -1), ("DSS-2", 1)):
-        e1, e2, _ = np.abs(np.rad2deg(HEAD_ANGLES[name]))
-        largest = (e2 + 0.0005) / (e1 - 0.0005)
-        c, d = PUBLISHED_COMPENSATION[name].c - 1, PUBLISHED_COMPENSATION[name].d
-        assert (d - 0.5e-6) / (abs(c) + 0.5e-6) > 7 * largest
-        assert np.sign(d / c) == -sign == -np.sign(HEAD_ANGLES[name][1] / HEAD_ANGLES[name][0])
-        # (ii) at a large α, as a check of the ratio itself; at DSS-2's size the second order is 2 % of d.
-        found = compute_compensation(HEAD_ANGLES[name], 0.5)
-        assert found.d / (found.c - 1) == pytest.approx(HEAD_ANGLES[name][1] / HEAD_ANGLES[name][0], rel=0.03)
 
 
 def test_the_published_compensation_is_small_beside_what_it_is_said_to_cure():

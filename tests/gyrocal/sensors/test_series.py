@@ -19,18 +19,6 @@ def changed(base, index, value):
     return out
 
 
-def test_a_series_keeps_its_arrays_as_floats():
-    kept = series(t=[0, 1, 2], y=[[1, 2, 3]] * 3)
-    assert kept.t.dtype == kept.y.dtype == np.float64
-    assert kept.used.all()
-
-
-def test_an_unused_number_may_be_anything():
-    sigma = changed(np.full((3, 3), 1e-3), (1, 2), np.inf)
-    kept = series(y=changed(np.zeros((3, 3)), (1, 2), np.nan), sigma=sigma)
-    np.testing.assert_array_equal(np.argwhere(~kept.used), [[1, 2]])
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -1,18 +1,16 @@
 """Effects with columns: each against finite differences of the simulator and against closed forms; their text form."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import simulator
 from gyrocal import InputError
-from simulator.effects import EFFECTS, Stream, extract_references, extract_stream, extract_surroundings, parse, setting
+from simulator.effects import EFFECTS, Stream, extract_references, extract_stream, parse, setting
 from simulator.effects.base import AXIS_NAMES
 from simulator.effects.gyro.rate_lag import apply_lag
 from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
-from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 from simulator.truth.rotation import separation
 
 DEG_H = np.deg2rad(1 / 3600)
@@ -136,11 +134,6 @@ def test_a_positive_size_reads_high_as_written():
         assert not np.delete(difference, axis, axis=1).any(), text
 
 
-def test_two_effects_add_also_of_one_kind():
-    texts = ("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
-    np.testing.assert_allclose(shown(*texts), sum(shown(one) for one in texts), atol=1e-16)
-
-
 def test_reference_effects_in_closed_form():
     n, t = 2 * np.pi / PLAIN.orbit.period_s, PLAIN.attitudes.t_s
     expected = {
@@ -216,33 +209,3 @@ def test_bad_text_is_one_clear_line(text, words):
     with pytest.raises(InputError, match=re.escape(words)) as caught:
         parse(text)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("bias_step:z=1,time_s=-5", "not within the recording's 0 to 4700 s"),
-        ("vibration:z=1,apparent_hz=1.5", "half the sampling rate"),
-        ("stale_samples=1,fraction=0.9", "longer runs"),
-        ("bias_temperature:z=1,column=battery_v", "no housekeeping column battery_v; there is gyro_temperature_c"),
-    ],
-)
-def test_an_effect_that_cannot_act_is_refused(text, words):
-    with pytest.raises(InputError, match=re.escape(words)):
-        simulator.simulate(SCENARIO, effects=[parse(text)])
-
-
-@pytest.mark.parametrize("name", ["bias_periodic", "reference_periodic"])
-def test_periods_are_those_that_the_references_can_show(name):
-    plan = simulator.override(simulator.load("trmm_series"), {"gyro.sample_s": 2.0, "reference.every_s": 120.0})
-    around = extract_surroundings(simulator.simulate(plan, noise=False), np.eye(3), np.zeros(3))
-    effect = EFFECTS[name]
-    low, high = compute_period_band(around)
-    assert low == pytest.approx(SHORTEST_PERIOD_SPACINGS * 120.0)
-    assert high == np.ptp(around.references.t_s)
-    trials = effect.trials(around)
-    assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
-    assert (trials[0].parameters["period_s"], trials[-1].parameters["period_s"]) == pytest.approx((low, high))
-    ends = replace(around, references=replace(around.references, interval=np.arange(around.references.t_s.size)))
-    assert "series" in effect.missing(ends)
-    assert effect.trials(ends) == ()

@@ -7,10 +7,9 @@ import pytest
 
 import simulator
 from gyrocal.allan import compute_allan_variance, overlapping_allan_deviation
-from gyrocal.allan.terms import ANGLE_WHITE, MARKOV
+from gyrocal.allan.terms import ANGLE_WHITE
 from simulator.effects import EFFECTS, ProcessTimes, References, Stream, Surroundings, parse
 from simulator.effects.chain import prepare_effects, simulate_readings
-from simulator.effects.gyro.stale_samples import draw_stale_mask
 from simulator.truth.rotation import separation
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO
 
@@ -87,17 +86,6 @@ def shown(text, seed=None):
     return simulator.simulate(SCENARIO, seed=seed or 0, noise=seed is not None, effects=[parse(text)]).gyro.rates
 
 
-def test_dead_zone_silences_the_reading_but_not_the_noise():
-    size = np.deg2rad(0.01)
-    free, noisy, plain = shown("rate_deadzone:x=0.01"), shown("rate_deadzone:x=0.01", 6), simulator.simulate(SCENARIO, seed=6)
-    inside = np.abs(PLAIN.gyro.rates[:, 0]) < size
-    assert 0.1 < inside.mean() < 1
-    np.testing.assert_array_equal(free[inside, 0], 0)
-    np.testing.assert_array_equal(free[~inside], PLAIN.gyro.rates[~inside])
-    np.testing.assert_array_equal(free[:, 1:], PLAIN.gyro.rates[:, 1:])
-    np.testing.assert_allclose(noisy - free, plain.gyro.rates - PLAIN.gyro.rates, atol=1e-17)
-
-
 STEP, LIMIT = np.deg2rad(1e-3), np.deg2rad(0.3)
 
 
@@ -127,16 +115,6 @@ def test_spikes_have_their_share_size_and_sign():
     assert np.abs(hit).mean() == pytest.approx(2.0, rel=5 / np.sqrt(hit.size))
     assert hit.mean() == pytest.approx(0, abs=5 * 2 * np.sqrt(2 / hit.size))
     assert (applied("spikes=2,fraction=0.01", still(20_000)) != 0).any(axis=0).all()
-
-
-@pytest.mark.parametrize(("mean_run", "fraction"), [(1.0, 0.01), (4.0, 0.1), (20.0, 0.5)])
-def test_stale_runs_have_their_share_and_length(mean_run, fraction):
-    """From 10⁶ samples; the number of runs is r = 10⁶ f/mean_run, errors go as 1/√r."""
-    stale = draw_stale_mask(np.random.default_rng(2), 10**6, mean_run, fraction)
-    onsets = (stale[1:] & ~stale[:-1]).sum()
-    error = 5 / np.sqrt(onsets)
-    assert stale.sum() / onsets == pytest.approx(mean_run, rel=error)
-    assert stale.mean() == pytest.approx(fraction, rel=2 * error)
 
 
 def test_stale_samples_repeat_all_axes_within_an_interval():
@@ -229,16 +207,3 @@ def test_angle_white_noise_is_that_of_readings_and_does_not_add_up():
     assert np.all(np.abs(found.variance / expected - 1) < 4 * np.sqrt(2 * 35 / 18 / found.counts))
     for part in parts:  # only the first and the last reading remain
         assert abs(np.sum(part) * sample_s) < 6 * np.sqrt(2) * 2 * ARCSEC
-
-
-def test_markov_noise_has_its_size_and_time_constant():
-    variances = []
-    for seed in range(8):
-        parts, sample_s = added("bias_markov:z=3,time_constant_s=20", seed=seed)
-        variances.append(overlapping_allan_deviation(parts, sample_s, [1, 16, 64, 256]).variance)
-    tau = sample_s * np.array([1, 16, 64, 256])
-    expected = (3 * DEG_H) ** 2 * compute_allan_variance(MARKOV, tau, 20.0)
-    mean, error = np.mean(variances, axis=0), np.std(variances, axis=0, ddof=1) / np.sqrt(8)
-    # At one sample the process' value stands for its mean over it, whose difference is smaller: 2 ln-scale terms of Δt/τ.
-    assert abs(mean[0] / (0.5 * (3 * DEG_H) ** 2 * 2 * (1 - np.exp(-sample_s / 20))) - 1) < 0.05
-    assert np.all(np.abs(mean - expected)[1:] < 6 * error[1:] + 0.01 * expected[1:])

@@ -4,16 +4,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import scipy.stats
 
 import simulator
-from gyrocal import InputError, calibrate, load, save
+from gyrocal import calibrate, load, save
 from gyrocal.smoothing import estimate_sample_sigma
-from simulator.effects import EFFECTS, parse
-from simulator.effects.sensor import ALL_EFFECTS
+from simulator.effects import EFFECTS
 from simulator.replay import reconstruct_motion, replay
-from simulator.truth.integration import accumulate
 from simulator.truth.rotation import separation
 from tests import ROOT
 
@@ -34,14 +31,6 @@ def test_recovered_motion_is_near_the_truth():
     sigma = np.deg2rad(0.005)
     assert separation(FOUND.quaternions, MOTION.quaternions).std() < 0.7 * sigma  # better than the references
     assert separation(FOUND.quaternions, ORIGINAL.attitudes.quaternions).std() < 1.1 * sigma
-
-
-def test_recovered_rates_and_attitudes_agree_to_rounding():
-    for number, part in enumerate(FOUND.intervals):
-        interval = ORIGINAL.intervals[number]
-        ends = np.searchsorted(FOUND.reference_t_s, [interval.start_s, interval.stop_s])
-        last = accumulate(FOUND.quaternions[ends[0]], FOUND.rates[part] * FOUND.duration_s[part, None])[-1]
-        assert np.abs(separation(last, FOUND.quaternions[ends[1]])).max() < 1e-11
 
 
 def test_replay_keeps_everything_but_the_draws():
@@ -73,24 +62,6 @@ def test_replays_calibrate_to_their_truth_within_sigma():
     assert 0.001 < scipy.stats.chi2.sf(nees, 120) < 0.999
 
 
-def test_effects_act_on_a_replay():
-    clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
-    effects = [parse("bias_step:z=1,time_s=15000"), parse("reference_mode_offset:x=0.1")]
-    made = replay(ORIGINAL, FITTED.G, FITTED.bias, effects, noise=False, motion=FOUND)
-    high = np.rad2deg(made.gyro.rates - clean.gyro.rates)[:, 2] * 3600
-    np.testing.assert_allclose(high, made.gyro.t_s > 15000, atol=1e-8)
-    moved = np.rad2deg(separation(made.attitudes.quaternions, clean.attitudes.quaternions))[:, 0]
-    assert set(np.round(moved, 9)) == {0.0, -0.1}
-
-
-def test_temperature_of_the_recording_is_followed_and_carried_over():
-    warm = simulator.simulate(SERIES, seed=5, effects=[parse("bias_temperature:x=0.1")])
-    made = replay(warm, FITTED.G, FITTED.bias, [parse("bias_temperature:x=0.1")])
-    assert made.tables["housekeeping"] is warm.tables["housekeeping"]
-    with pytest.raises(InputError, match="no housekeeping"):
-        replay(ORIGINAL, FITTED.G, FITTED.bias, [parse("bias_temperature:x=0.1")], motion=FOUND)
-
-
 def test_holes_and_outliers_are_bridged():
     gyro = ORIGINAL.gyro
     kept = np.ones(gyro.t_s.size, dtype=bool)
@@ -105,28 +76,6 @@ def test_holes_and_outliers_are_bridged():
 
 
 # ---- command line ------------------------------------------------------------------------------------------------------------
-
-
-def test_effects_on_the_command_line(run_cli, tmp_path):
-    rec, truth = tmp_path / "rec", tmp_path / "truth.json"
-    texts = ("bias_temperature:x=0.05", "g_matrix_step:z=1300,toward=y,time_s=15000")
-    done = run_cli(
-        "simulate", "trmm", str(rec), "--seed", "2", "--truth", str(truth), "--effect", texts[0], "--effect", texts[1]
-    )
-    assert done.exit_code == 0, done.stderr
-    np.testing.assert_allclose(
-        load(rec).gyro.rates, simulator.simulate(simulator.load("trmm"), 2, effects=[parse(t) for t in texts]).gyro.rates
-    )
-    assert "gyro_temperature_c" in load(rec).tables["housekeeping"]
-    written = json.loads(truth.read_text())["effects"]
-    assert written[1] == {
-        "effect": "g_matrix_step",
-        "axis": "z",
-        "size": 1300.0,
-        "unit": "ppm",
-        "parameters": {"toward": "y", "time_s": 15000.0},
-    }
-    assert run_cli("calibrate", str(rec), "--truth", str(truth)).exit_code == 0
 
 
 def test_replay_on_the_command_line(run_cli, tmp_path):
@@ -148,14 +97,6 @@ def test_replay_on_the_command_line(run_cli, tmp_path):
     refused = run_cli("simulate", str(tmp_path / "rec"), str(tmp_path / "c"), "--set", "gyro.sample_s=1")
     assert refused.exit_code == 2
     assert "a recording has no scenario to change" in refused.stderr
-
-
-def test_effects_are_listed(run_cli, tmp_path):
-    result = run_cli("effects", "--json", str(tmp_path / "effects.json"))
-    assert result.exit_code == 0
-    assert all(name in result.stdout for name in ALL_EFFECTS)
-    assert [row["effect"] for row in json.loads((tmp_path / "effects.json").read_text())["effects"]] == list(ALL_EFFECTS)
-    assert "Example" in run_cli("effects", "--help").stdout
 
 
 def test_every_effect_is_in_the_documentation():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import simulator
-from gyrocal import InputError
-from simulator.effects import extract_references, find_flight_directions, parse, setting
+from simulator.effects import extract_references, find_flight_directions, parse
 from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
@@ -41,13 +40,6 @@ def test_modes_of_the_six_maneuvers():
 def test_the_activity_is_not_read():
     silent = replace(RECORDING, intervals=tuple(replace(one, activity="+y forward") for one in RECORDING.intervals))
     np.testing.assert_array_equal(forward_axes(silent), forward_axes(RECORDING))
-
-
-@pytest.mark.parametrize("mode", ["+x", "-x", "+y", "-y"])
-def test_all_four_modes(mode):
-    interval = {"name": "a", "activity": "", "start_s": 0.0, "stop_s": 900.0, "mode": mode}
-    recording = simulator.simulate(simulator.override(SERIES, {"interval": [interval]}), seed=3)
-    assert set(forward_axes(recording)) == {mode}
 
 
 def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
@@ -104,16 +96,6 @@ def around(recording):
     return Surroundings(None, references, recording.gyro.arw, recording.gyro.sample_s, recording.attitudes.sigma)
 
 
-def test_both_are_tried_where_there_is_a_hold():
-    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(RECORDING))] == ["off", "on"]
-    few = simulator.override(SERIES, {"interval": FIRST})
-    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(simulator.simulate(few)))] == ["off"]
-
-
-FIRST = [one.model_dump(exclude_none=True) for one in SERIES.interval[:1]]
-BACK = [{"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 900.0, "mode": "-x"}]
-
-
 def test_a_head_takes_over_at_some_heading_of_a_turn():
     """At 20, 50, 70, 110 and 160 degrees from -x, of which each is reached from a heading of its own on."""
     heading = np.pi - np.deg2rad([180.0, 160.0, 110.0, -70.0, 50.0, 20.0, 0.0])
@@ -124,11 +106,3 @@ def test_a_head_takes_over_at_some_heading_of_a_turn():
     assert reached == {(5, 6), (4, 5, 6), (3, 4, 5, 6), (2, 3, 4, 5, 6)}
     assert sum(one.weight for one in trials) == pytest.approx(1.0)
     assert trials[0].parameters == {"holds": "off", "within_deg": 90.0}
-
-
-def test_the_offset_without_the_mode_is_refused():
-    only = simulator.override(SERIES, {"interval": FIRST})
-    with pytest.raises(InputError, match="does nothing here; no reference is taken with -x forward"):
-        simulator.simulate(only, effects=[setting("reference_mode_offset", "x", 1.0)])
-    assert "all references" in MODE_OFFSET.missing(around(simulator.simulate(simulator.override(SERIES, {"interval": BACK}))))
-    assert MODE_OFFSET.missing(around(RECORDING)) is None

@@ -69,14 +69,6 @@ def test_means_show_a_jump_below_the_noise_of_one_reference(sigmas):
     assert np.abs(at - 1000).min(initial=np.inf if size else 0.0) <= 5 * float(np.median(np.diff(around.references.t_s)))
 
 
-def test_without_a_jump_few_windows_stand_for_all():
-    """One, or one for each gap between intervals."""
-    _, around = seen(agile())
-    trials = EFFECTS["reference_jump"].trials(around)
-    assert len(trials) == max(len(np.unique(around.references.interval)) - 1, 1)
-    assert all(one.weight < 0.01 for one in trials)
-
-
 def test_a_diagnosis_names_a_jump_and_nothing_else():
     found = diagnose(seen(agile(), JUMP)[0], library=RIVALS)
     (cause,) = found.causes

@@ -10,10 +10,9 @@ import pytest
 
 import simulator
 from gyrocal import InputError, load
-from simulator.effects import ALL_EFFECTS, BUILT_IN, EFFECTS, REGISTRY, Effect, Registry
+from simulator.effects import BUILT_IN, Effect, Registry
 from simulator.effects import registry as registry_module
 from simulator.effects.common import put_on_axis
-from simulator.effects.sensor import SENSOR_EFFECTS
 
 
 class Constant(Effect):
@@ -46,16 +45,6 @@ def own():
     registry = Registry()
     registry.register_all(module.EFFECT for module in BUILT_IN)
     return registry
-
-
-def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
-    views = (EFFECTS, SENSOR_EFFECTS)
-    assert set().union(*views) == set(ALL_EFFECTS)
-    assert sum(len(view) for view in views) == len(ALL_EFFECTS)
-    assert "dss_head" not in EFFECTS
-    monkeypatch.setitem(REGISTRY.effects, "mine", MINE)
-    assert EFFECTS["mine"] is ALL_EFFECTS["mine"] is MINE
-    assert "mine" not in SENSOR_EFFECTS
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,11 @@ import pytest
 
 from gyrocal.errors import InputError
 from simulator import scenario
-from simulator.effects.chain import prepare_effects
 from simulator.effects.sensor import SENSOR_EFFECTS, Sightings, parse
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors.horizon import compute_orbit_position
 from simulator.sensors.raw_tables import build_nominal_suite, simulate_sensor_tables
-from simulator.sensors.sun import HEAD_DSS2, compute_head_tangents
+from simulator.sensors.sun import compute_head_tangents
 from simulator.simulate import motion, simulate
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
@@ -79,33 +78,6 @@ def test_the_error_is_what_the_simulated_sensors_show(looking, text):
     assert np.abs(sun_error).max() + np.abs(earth_error[used]).max() > 1e-3
 
 
-def test_registry():
-    head = parse("dss_head:2=0.28156")
-    np.testing.assert_allclose(np.deg2rad(SENSOR_EFFECTS["dss_head"].amplitudes(head)), HEAD_DSS2, rtol=1e-4)
-    for text in SETTINGS:
-        setting = parse(text)
-        effect = SENSOR_EFFECTS[setting.effect]
-        amplitudes = effect.amplitudes(setting)
-        size, parameters = effect.from_amplitudes(amplitudes)
-        again = type(setting)(setting.effect, setting.axis, size, {**setting.parameters, **parameters})
-        np.testing.assert_allclose(effect.amplitudes(again), amplitudes, rtol=1e-12)
-        assert effect.prior[0] < abs(setting.size) < effect.prior[1]
-        assert all(set(option) <= {one.name for one in effect.parameters} for option in effect.options)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("dss_head:3=0.1", "must be one of 1, 2"),
-        ("esa_bias:1=0.1", "has no axis"),
-        ("dss_misalignment=9", "not within"),
-    ],
-)
-def test_bad_settings_are_one_line(text, message):
-    with pytest.raises(InputError, match=message):
-        parse(text)
-
-
 def test_an_effect_leaves_the_noise_as_it_was():
     few = MONTHS.model_copy(update={"interval": MONTHS.interval[6:8]})
     plain, biased = simulate(few, seed=5), simulate(few, seed=5, effects=[parse("esa_bias=0.4")])
@@ -116,17 +88,6 @@ def test_an_effect_leaves_the_noise_as_it_was():
     np.testing.assert_allclose(difference, np.tile(bias, (len(difference), 1)), atol=1e-12)
     again = simulate_sensor_tables(few, motion(few), seed=6)
     assert not np.array_equal(again.sun.counts[:50], plain.sensors.sun.counts[:50])
-
-
-def test_sensors_are_needed_for_an_effect_on_them():
-    with pytest.raises(InputError, match=r"dss_head: .*\[sensors\]"):
-        simulate(scenario.load("trmm"), effects=[parse("dss_head:2=0.1")])
-    assert simulate(scenario.load("trmm"), noise=False).sensors is None
-
-
-def test_rates_and_references_do_not_take_an_effect_on_sensors():
-    with pytest.raises(InputError, match="dss_head:2: acts on raw sensor tables"):
-        prepare_effects([parse("dss_head:2=0.1")], 0, 0)
 
 
 def test_the_setting_of_several_angles_holds_those_that_act():

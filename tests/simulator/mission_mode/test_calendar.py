@@ -14,13 +14,6 @@ def days(moments):
     return pd.DatetimeIndex(pd.Timestamp(CONFIG.epoch) + pd.to_timedelta(moments, unit="s"))
 
 
-def test_crossings_are_where_the_sun_changes_sides():
-    moments = find_plane_crossings(CONFIG.epoch, CONFIG.orbit, 155.0)
-    assert np.abs(np.rad2deg(compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments))).max() < 0.01
-    before, after = (compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments + step) for step in (-DAY, DAY))
-    assert (before * after < 0).all()
-
-
 def test_yaw_maneuvers_of_the_flight():
     """The node is set by December 13 (N Table 1). January 14 (N) and March 21 (R) follow, six maneuvers until then."""
     moments = days(find_plane_crossings(CONFIG.epoch, CONFIG.orbit, 120.0))

@@ -8,8 +8,6 @@ from simulator.mission_mode.magnetic_field import (
     compute_sidereal_angle,
 )
 
-STILL = np.array([3.1e6, -4.4e6, 3.9e6])
-
 
 def field(position, angle=0.0):
     return np.array(compute_dipole_field(*position, angle, DIPOLE))
@@ -31,15 +29,6 @@ def test_along_the_axis_it_is_twice_that_across():
         expected = np.linalg.norm(DIPOLE) / 1.06**3 * np.sqrt(1 + 3 * np.sin(latitude) ** 2)
         assert np.linalg.norm(field(r)) == pytest.approx(expected, rel=1e-12)
     assert field(REFERENCE_RADIUS * axis) @ axis < 0
-
-
-def test_gradient_of_the_potential():
-    def potential(r):
-        return REFERENCE_RADIUS**3 * (DIPOLE @ r) / np.linalg.norm(r) ** 3
-
-    h = 100.0
-    gradient = [(potential(STILL + h * e) - potential(STILL - h * e)) / (2 * h) for e in np.eye(3)]
-    assert field(STILL) == pytest.approx(-np.array(gradient), rel=1e-7)
 
 
 def test_published_sidereal_time():

@@ -7,14 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from simulator.sensors.horizon import (
     AZIMUTHS,
-    FLATTENING,
-    POLAR_RADIUS,
     Horizon,
     compute_limb_angle,
     compute_orbit_position,
-    is_hidden,
 )
-from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import bisector_attitude, compute_penetrations, geocentric_nadir, geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
@@ -79,26 +76,6 @@ def test_sphere():
     sideways = turned(A[0], [np.pi / 2, 0.0, 0.0])
     assert np.isfinite(compute_limb_angle(sideways, position[0], 0.0, 1.0, a, a))
     assert np.isnan(compute_limb_angle(sideways, position[0], 1.0, 0.0, a, a))
-
-
-def test_hidden_behind_the_limb():
-    A, position = compute_lvlh_attitude(ORBIT, TIMES[40:41])[0], compute_orbit_position(ORBIT, TIMES[40:41])[0]
-    eta = compute_limb_angle(A, position, 1.0, 0.0, EARTH_RADIUS, POLAR_RADIUS)
-    for beyond, expected in ((-1e-6, True), (1e-6, False)):
-        d = A.T @ np.array([np.sin(eta + beyond), 0.0, np.cos(eta + beyond)])
-        assert is_hidden(position, d, EARTH_RADIUS, POLAR_RADIUS) is expected
-    assert not is_hidden(position, -A.T @ np.array([0.0, 0.0, 1.0]), EARTH_RADIUS, POLAR_RADIUS)  # the line meets it behind
-
-
-@pytest.mark.parametrize("height", [0.0, 350e3, 35786e3])
-def test_geodetic_nadir_is_that_of_the_latitude_the_position_is_made_of(height):
-    latitude, longitude = np.meshgrid(np.deg2rad([-90.0, -60.0, -1e-3, 0.0, 35.0, 45.0, 90.0]), [0.0, 2.0, 4.0])
-    up = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1)
-    e2 = FLATTENING * (2 - FLATTENING)
-    prime_vertical = EARTH_RADIUS / np.sqrt(1 - e2 * np.sin(latitude) ** 2)[..., None]
-    position = (prime_vertical * np.array([1.0, 1.0, 1 - e2]) + height) * up
-    np.testing.assert_allclose(geodetic_nadir(position), -up, atol=1e-14)
-    np.testing.assert_allclose(geocentric_nadir(position), -position / np.linalg.norm(position, axis=-1)[..., None], atol=0)
 
 
 @pytest.mark.parametrize("yaw", [0.0, np.pi, 0.6])

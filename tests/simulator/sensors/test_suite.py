@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import gyrocal.sensors.sun as ground
-from gyrocal.sensors.earth import EarthModel, EarthSensor
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.horizon import compute_orbit_position
 from simulator.sensors.suite import simulate_earth_table, simulate_sun_table
@@ -55,12 +54,3 @@ def test_sun_table_closes_with_the_estimators_model(tables):
     # The sigma holds at the boresight, where a count is largest; elsewhere it is up to 9 % above the truth.
     assert abs(white.mean()) < 4 / np.sqrt(white.size)
     assert 0.8 - 4 * np.sqrt(2 / white.size) < white.var() < 1 + 4 * np.sqrt(2 / white.size)
-
-
-def test_earth_table_closes_with_the_estimators_model(tables):
-    table, sigma = tables[1], TrueEarthSensor().sigma
-    y = np.deg2rad(table[[f"penetration_{i}_deg" for i in range(1, 5)]].to_numpy())
-    used = table[[f"used_{i}" for i in range(1, 5)]].to_numpy()
-    error = (y - EarthModel(EarthSensor(np.zeros(4)), LOOK[2]).predict(A, np.arange(T.size)))[used]
-    # The S filter's own noise and lag add a little to the noise of the angles.
-    assert sigma * 0.95 < np.sqrt((error**2).mean()) < 1.3 * sigma

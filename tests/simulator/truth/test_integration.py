@@ -6,7 +6,7 @@ from scipy.integrate import quad, solve_ivp
 
 import simulator
 from simulator.scenario import build_profiles
-from simulator.truth.integration import accumulate, integrate
+from simulator.truth.integration import integrate
 from simulator.truth.rotation import convert_to_quaternion, separation
 
 TRMM = simulator.load("trmm")
@@ -95,13 +95,3 @@ def test_mean_rate_is_the_integral_of_the_rate():
                     epsrel=1e-12,
                 )
                 assert motion.rates[k, axis] == pytest.approx(integral / 0.5, rel=1e-12, abs=1e-16)
-
-
-def test_accumulated_rotations_stay_unit_and_exact():
-    """10^5 steps about one axis add up to the whole angle."""
-    axis = np.array([2.0, -1.0, 2.0]) / 3
-    out = accumulate(np.array([0.0, 0.0, 0.0, 1.0]), np.tile(1e-3 * axis, (100_000, 1)))
-    assert np.abs(np.linalg.norm(out, axis=1) - 1).max() < 1e-15
-    half = 0.5 * 1e-3 * 100_000
-    expected = np.append(np.sin(half) * axis, np.cos(half))
-    np.testing.assert_allclose(out[-1], expected, atol=1e-11)

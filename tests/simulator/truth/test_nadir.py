@@ -8,8 +8,8 @@ from simulator import scenario as scenarios
 from simulator import simulate
 from simulator.mission_mode.target_frame import compute_commanded_attitude
 from simulator.simulate import motion
-from simulator.truth.nadir import FLATTENING, compute_nadir_tilt, compute_pointing_attitude, compute_pointing_rate
-from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
+from simulator.truth.nadir import compute_pointing_attitude, compute_pointing_rate
+from simulator.truth.orbit import CircularOrbit
 
 ORBITS = [
     CircularOrbit(350e3, np.deg2rad(35.0), node=0.4, latitude_argument=1.0, j2=j2, geodetic=True) for j2 in (False, True)
@@ -32,24 +32,6 @@ def test_rate_is_the_derivative_of_the_attitude(orbit):
     cross = -derivative @ np.swapaxes(compute_pointing_attitude(orbit, T), -1, -2)
     omega = np.stack([cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0]], axis=1)
     np.testing.assert_allclose(compute_pointing_rate(orbit, T), omega, rtol=0, atol=2e-14)
-
-
-def test_lean_is_that_of_the_flattening():
-    orbit = ORBITS[0]
-    u = orbit.latitude_argument + orbit.mean_motion * T
-    alpha, beta, alpha_rate, _ = compute_nadir_tilt(orbit, T)
-    i = orbit.inclination
-    # To first order in the flattening, and in the height over the radius: 2 f cos i sin i sin u and f sin²i sin 2u.
-    assert np.abs(alpha).max() == pytest.approx(2 * FLATTENING * np.cos(i) * np.sin(i), rel=0.1)
-    assert np.abs(beta).max() == pytest.approx(FLATTENING * np.sin(i) ** 2, rel=0.1)
-    assert abs(np.corrcoef(alpha, np.sin(u))[0, 1]) > 0.99
-    assert np.rad2deg(np.abs(alpha_rate).max()) == pytest.approx(2e-4, rel=0.1)
-
-
-def test_geocentric_is_lvlh():
-    orbit = CircularOrbit(350e3, np.deg2rad(35.0), j2=True)
-    np.testing.assert_array_equal(compute_pointing_attitude(orbit, T), compute_lvlh_attitude(orbit, T))
-    np.testing.assert_array_equal(compute_pointing_rate(orbit, T), compute_lvlh_rate(orbit, T))
 
 
 def test_a_scenario_points_to_geodetic_nadir():
