@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+import scipy.stats
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrocal import GyroParameters, InputError
@@ -17,6 +18,7 @@ def draw_covariance(rng, solved):
     return A @ A.T
 
 
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6), held=st.sets(st.integers(0, 11), max_size=11), same=st.booleans())
 def test_sigmas_and_chi2_are_those_of_the_covariance_of_the_difference(seed, held, same):
     rng = np.random.default_rng(seed)
@@ -29,6 +31,7 @@ def test_sigmas_and_chi2_are_those_of_the_covariance_of_the_difference(seed, hel
     z = d[solved] / SIZES[solved]
     assert found.chi2 == pytest.approx(z @ np.linalg.solve(V, z), rel=1e-4)
     assert found.dof == solved.sum()
+    assert found.p_value == pytest.approx(scipy.stats.chi2.sf(found.chi2, found.dof), abs=1e-12)
     np.testing.assert_allclose(found.in_sigma[solved], np.abs(z) / np.sqrt(np.diag(V)), rtol=1e-6)
     np.testing.assert_array_equal(found.in_sigma[~solved], 0)
 

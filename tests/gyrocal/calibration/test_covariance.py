@@ -37,7 +37,7 @@ def test_one_residual_by_hand():
 
 @pytest.mark.parametrize("gap_s", [0.0, 50.0])
 def test_full_covariance_is_that_of_simulated_residuals(gap_s):
-    arw, cases = np.deg2rad(4e-4), 4000
+    arw, cases = np.deg2rad(4e-4), 1500
     rng = np.random.default_rng(5)
     plain = piecewise_recording(PLAN, sample_s=5.0, series_s=100.0, arw=arw, gap_s=gap_s, apriori=TRUTH)
     prepared = prepare_measurements(plain)

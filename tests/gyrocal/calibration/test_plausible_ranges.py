@@ -30,15 +30,12 @@ def moving():
     return piecewise_recording(MOVES, arw=arw, rng=np.random.default_rng(4), sigma_deg=0.05, series_s=1.0, sample_s=0.05)
 
 
-@pytest.mark.parametrize(
-    ("arw", "grade"), [(0.0, "space"), (0.016, "space"), (0.05, "space"), (0.07, "tactical"), (0.3, "MEMS")]
-)
+@pytest.mark.parametrize(("arw", "grade"), [(0.0, "space"), (0.05, "space"), (0.07, "tactical"), (0.3, "MEMS")])
 def test_the_stated_walk_gives_the_grade(arw, grade):
     recording = piecewise_recording(arw=arw * DEG_SQRT_H)
     found = estimate_plausible_ranges(recording)
     assert found.grade == grade
     assert (found.G, found.bias) == next((G, bias) for name, _, G, bias in RANGES if name == grade)
-    assert f"{grade} grade, from the stated angle random walk of {arw:.2g} deg/sqrt(h)" == found.reason
 
 
 def test_the_bias_in_a_rest_is_found_and_corrects_the_grade(moving):

@@ -38,7 +38,7 @@ def streamed(raw, dt, psi="full"):
     return propagation
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.05, 0.0999999, 0.1000001, 0.7, 2.5, 6.0])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.05, 0.0999999, 0.1000001, 0.7, 6.0])
 def test_psi_is_its_integral(angle):
     omega = np.array([0.36, -0.48, 0.8]) * angle / 0.5
     integral, _ = quad_vec(lambda tau: Rotation.from_rotvec(-omega * tau).as_matrix(), 0, 0.5, epsabs=1e-15, epsrel=1e-14)

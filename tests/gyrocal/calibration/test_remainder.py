@@ -116,8 +116,6 @@ def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
     document = result.to_json()
     np.testing.assert_array_equal(result.covariance, plain.covariance)
     assert document["recommended"] == WITH_REMAINDER
-    assert len(document["sigma_nominal"]) == len(document["sigma_with_remainder"]) == 12
-    assert document["remainder"]["noise_factor"] >= 1
     assert read_processes(document["remainder"]) == result.remainder.processes
     path = tmp_path / "result.json"
     path.write_text(json.dumps(document), encoding="utf-8")

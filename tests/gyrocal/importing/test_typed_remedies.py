@@ -36,17 +36,9 @@ def stretch_gyro_clock(gyro, attitude, factor):
     return gyro.assign(t=factor * gyro.t), attitude
 
 
-def lose_digits(gyro, attitude, step_s):
-    return gyro.assign(t=step_s * np.floor(gyro.t / step_s + 1e-9)), attitude
-
-
 def accumulate(gyro, attitude, wrap):
     angle = np.cumsum(0.01 * gyro[RATES].to_numpy(), axis=0) - 0.01 * gyro[RATES].to_numpy()
     return gyro.assign(**dict(zip(RATES, (angle % wrap).T, strict=True))), attitude
-
-
-def count_days(gyro, attitude, first):
-    return (table.assign(t=first + table.t / 86400) for table in (gyro, attitude))
 
 
 def replace_unit(match):
@@ -70,24 +62,15 @@ SKEW = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1]]) / np.sqrt(3)
 CASES = {
     # The fault, options as first typed, the words of the refusal, and how they are typed.
     "unit": (scale_rates, 1.0, {"--gyro": "gx,gy,gz:rad/s"}, r"the gyro in (\S+), not rad/s", replace_unit),
-    "time unit": (scale_rates, 1.0, {"--time": "t:ms"}, r"times in (\S+), not ms", lambda match: {"--time": f"t:{match[1]}"}),
-    "days": (count_days, 45244.9, {}, r"times in (\S+), which are days", lambda match: {"--time": f"t:{match[1]}"}),
     "order and signs": (turn_axes, np.diag([1, -1, 1])[[1, 0, 2]], {}, r"the gyro's axes as (\S+)", replace_axes),
     "mounting": (turn_axes, TURN, {}, r"(--mounting estimate)", take_options),
     "skew": (turn_axes, SKEW, {}, r"(--axes) '([^']+)'", lambda match: {match[1]: match[2]}),
     "direction": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:inertial-to-body"}, r"\((body-to-inertial)\)",
                   lambda match: {"--quat": f"qw,qx,qy,qz:{match[1]}"}),
     "factor": (scale_rates, 0.7, {}, r"the rates times (\S+) \((--rate-factor)\)", take_factor),
-    "factor by itself": (scale_rates, 0.7, {}, r"(--align auto)", take_options),
     "late": (shift_attitudes, 3.7, {}, r"(--align auto)", take_options),
-    "local time": (shift_attitudes, 7200.0, {}, r"(--align auto)", take_options),
-    "quaternion order": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:scalar-last:body-to-inertial"}, r"\((scalar-first)\)",
-                         lambda match: {"--quat": f"qw,qx,qy,qz:{match[1]}:body-to-inertial"}),
     "dated": (shift_attitudes, 1.7e9, {}, r"(--attitude-offset \S+);", take_options),
     "clock": (stretch_gyro_clock, 1.02, {}, r"time tags times (\S+) \((--time-factor)\)", take_factor),
-    "tags alike": (lose_digits, 1e3, {}, r"(--rate) HZ", lambda match: {match[1]: "100"}),
-    "tags of a register": (lose_digits, 1e3, {"--rate": "100", "--gyro": "gx,gy,gz:counts"}, r"(--lsb) '\S+ deg/s'",
-                           lambda match: {match[1]: "1 deg/s"}),
     "wrap": (accumulate, 77.0, {"--gyro": "gx,gy,gz:deg"}, r"jumps by \S+; .* (--wrap \S+)", take_options),
 }  # fmt: skip
 
