@@ -13,7 +13,6 @@ from diagnosis.diagnose import diagnose
 from diagnosis.settings import DEFAULT
 from gyrocal import load
 from simulator.effects import REGISTRY, STAGES, ProcessTimes, SampleView, extract_surroundings, parse, setting
-from simulator.effects.base import SYMPTOMS
 from simulator.effects.recording_view import find_interval_slices
 from simulator.effects.sensor import SensorEffect
 from simulator.sensors.raw_tables import build_nominal_suite
@@ -59,7 +58,6 @@ def test_there_is_an_example_of_every_kind():
     assert set(BLOCKS) == set(ASKED)
     rows = re.findall(r"^\| `(\w+)` \| .* \| `(\w+)` \|$", TEXT, flags=re.MULTILINE)
     assert rows == [(stage.name, stage.calls) for stage in STAGES]
-    assert {effect.symptom for effect in REGISTRY.values()} - {None} <= set(SYMPTOMS)
 
 
 @pytest.mark.parametrize("name", list(BLOCKS))
@@ -131,7 +129,6 @@ def test_the_crosstalk_is_found_by_its_own_test_and_only_where_it_is(example):
         assert (found.effect, found.axis) == ("noise_crosstalk", "y")
         assert abs(found.size - size) < 3 * found.sigma
         assert found.log_odds > 10
-        assert found.p_value < 1e-5
         assert np.std(made.gyro.rates[:, 1]) == pytest.approx(np.std(plain.gyro.rates[:, 1]), rel=1e-3)
 
 

@@ -17,7 +17,7 @@ def test_quaternion_is_scalar_last_inertial_to_body():
     np.testing.assert_allclose(attitude.quaternion_from_matrix(A), [0, 0, s, s], atol=1e-15)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1.0, 3.0, 3.3, 5.0, 6.2])
+@pytest.mark.parametrize("angle", [0.0, 3.0, 3.3, 6.2])
 def test_of_both_quaternions_of_an_attitude_the_scalar_part_is_not_negative(angle):
     for axis in np.array([[0.6, 0.48, -0.64], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -0.6, 0.8]]):
         A = attitude.rotation_matrix(-angle * axis)

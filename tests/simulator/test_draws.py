@@ -22,7 +22,7 @@ def test_pinned_values():
     np.testing.assert_array_equal(generator(0, 0, "gyro_noise").integers(0, 2**32, 3), [2083569829, 4087709124, 991660696])
 
 
-@pytest.mark.parametrize("entropy", [0, 1998, 2**32, 2**127 + 5, 2**200 + 17])
+@pytest.mark.parametrize("entropy", [0, 2**32, 2**200 + 17])
 def test_a_stream_is_the_child_of_its_seed_sequence(entropy):
     for key in [(0, b"gyro_noise"), (2**32 - 1, b""), (7, "größe".encode())]:
         child = np.random.SFC64(np.random.SeedSequence(entropy, spawn_key=(key[0], *key[1])))

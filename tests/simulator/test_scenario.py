@@ -60,26 +60,17 @@ def test_override_changes_what_it_names_only():
     assert changed.interval[1].slew[0].start_s == 200.0
     assert changed.gyro.true_G[0][1] == 0.5
     assert TRMM.interval[1].slew[0].start_s == 60.0
-    assert override(changed, {"gyro": TRMM.gyro.model_dump(), "interval.1.slew.0.start_s": 60.0}) == TRMM
 
 
 FAULTS = {
     "gyro.arw": (1.0, r"gyro\.arw: is not known; "),
-    "gyr.sample_s": (1.0, r"gyr: is not known; did you mean gyro"),
     "interval.9.mode": ("+x", "9 is not the index of one of 6"),
     "gyro.sample_s": (0.0, r"gyro\.sample_s: .*greater than or equal to 0.001"),
-    "gyro.arw_deg_per_sqrt_s": (float("nan"), r"gyro\.arw_deg_per_sqrt_s: .*finite"),
-    "gyro.true_bias_deg_s.1": ("0", r"gyro\.true_bias_deg_s\.1: must be a number"),
     "gyro.true_G": ([[1, 0, 0], [0, 1, 0], [0, 1, 0]], r"gyro\.true_G: .*invertible"),
-    "reference.sigma_deg": ([0.01, 0.0, 0.01], r"reference\.sigma_deg: .*positive"),
     "reference.at": ("series", r"reference\.every_s: .*required"),
-    "interval.0.name": ("m2", r"interval: .*m2 is used more than once"),
-    "interval.0.stop_s": (-1.0, r"interval\.0\.stop_s: .*after start_s"),
     "interval.1.start_s": (5000.0, r"interval: .*m2 starts before m1 stops"),
-    "interval.1.slew.0.axis": ([0, 0, 0], r"interval\.1\.slew\.0\.axis: .*must have a length"),
     "interval.1.slew.0.duration_s": (1100.0, r"interval\.1\.slew: .*slew 0 ends at 1160 s"),
     "interval.3.slew.1.start_s": (400.0, r"interval\.3\.slew: .*slew 1 starts at 400 s, before slew 0 ends at 460 s"),
-    "interval.4.hold.stop_s": (6000.0, r"interval\.4\.hold: .*after the interval's 5535 s"),
     "interval.4.slew": ([{"axis": [0, 0, 1], "angle_deg": 1, "start_s": 0, "duration_s": 200}], "overlaps slew 0"),
 }
 

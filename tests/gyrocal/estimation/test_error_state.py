@@ -53,10 +53,6 @@ def test_transition_is_that_of_the_calibration(dt):
     np.testing.assert_allclose(
         B, psi_matrix(omega, dt) @ np.hstack([np.kron(np.eye(3), RAW), np.eye(3)]), rtol=1e-13, atol=1e-15
     )
-    some = np.array([1, 8, 11])
-    part = np.empty((3, 3))
-    compute_transition(TRUTH.vector, RAW, dt, some, R, part)
-    np.testing.assert_array_equal(part, B[:, some])
 
 
 def test_noise_of_long_steps_is_that_of_many_short_ones():

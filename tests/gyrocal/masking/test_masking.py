@@ -66,9 +66,8 @@ def test_a_stop_and_a_freeze_are_found_with_level_and_times(scenario, text, what
     assert (found.from_s, found.to_s) == pytest.approx(span, abs=0.6)
 
 
-@pytest.mark.parametrize("scenario", ["trmm", "ends"])
-def test_a_clipped_gyro_is_found_on_both_sides_of_its_range(scenario):
-    recording = made(scenario, "rate_saturation:z=0.1")
+def test_a_clipped_gyro_is_found_on_both_sides_of_its_range():
+    recording = made("trmm", "rate_saturation:z=0.1")
     found = find_mask(recording)
     assert {(one.what, one.axis) for one in found.stretches} == {("clipped", "z")}
     assert {round(one.size, 9) for one in found.stretches} == {0.1, -0.1}
@@ -105,16 +104,11 @@ def test_single_false_references_are_found_where_references_are_sparse():
     ("scenario", "text"),
     [
         ("agile", "reference_jump=0.5,begin_s=500,end_s=520"),
-        ("agile", "reference_correlated:x=0.2,time_constant_s=20"),
         ("agile", "reference_noise_excess=5"),
         ("agile", "stale_samples=8,fraction=0.1"),
         ("agile", "rate_quantization=0.2"),
-        ("agile", "spikes:x=5,fraction=0.001"),
-        ("agile", "time_offset=0.3"),
         ("trmm", "bias_step:y=2000,time_s=1500"),
         ("trmm", "rate_deadzone:z=0.01"),
-        ("trmm", "stale_samples=100,fraction=0.1"),
-        ("trmm", "noise_excess=5"),
         ("ends", "rate_lag=5"),
     ],
 )
@@ -124,22 +118,16 @@ def test_other_effects_are_left_to_the_diagnosis(scenario, text):
 
 def test_a_clean_recording_has_an_empty_mask():
     """Of several grades and rates, moving and at rest."""
-    clean = [made(name, seed=seed) for name in SCENARIOS for seed in range(12)]
-    clean += [swing(still=seed % 2 == 1, noise_deg=10.0 ** -(seed % 3 + 1), seed=seed) for seed in range(18)]
+    clean = [made(name, seed=seed) for name in SCENARIOS for seed in range(4)]
+    clean += [swing(still=seed % 2 == 1, noise_deg=10.0 ** -(seed % 3 + 1), seed=seed) for seed in range(6)]
     assert not any(find_mask(one) for one in clean)
 
 
-def test_a_late_frame_is_no_jump():
-    """A reference one frame late, and one that is off along the turn by less than a frame."""
+def test_a_late_frame_and_a_jump_of_the_gyro_are_no_jumps_of_the_references():
     recording = swing()
-    q = recording.attitudes.quaternions.copy()
+    q, rates = recording.attitudes.quaternions.copy(), recording.gyro.rates.copy()
     q[3000] = q[2999]
     assert not find_mask(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)))
-
-
-def test_a_jump_of_the_gyro_itself_is_no_jump_of_the_references():
-    recording = swing()
-    rates = recording.gyro.rates.copy()
     rates[3000, 1] += np.deg2rad(400.0)
     assert not find_mask(replace(recording, gyro=replace(recording.gyro, rates=rates)))
 

@@ -36,12 +36,7 @@ def test_arrays_and_frames_make_the_recording_they_came_from():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: arrays(rates=np.zeros((3, 3))), "rates must be"),
         (lambda: Recording.from_arrays([0.0, 1.0], np.zeros((2, 3)), [0.0, 1.0], np.zeros((2, 4)), sigma=1, arw=0), "norm 0"),
-        (
-            lambda: Recording.from_arrays([0.0, 1.0], np.zeros((2, 3)), [0.0], np.zeros((2, 4)), sigma=1, arw=0),
-            "quaternions must",
-        ),
         (lambda: RECORDING.to_frame("sun_sensor"), "no such table; there are gyro, attitude"),
         (lambda: Recording.from_frame(RECORDING.to_frame(), RECORDING.to_frame(), arw_deg_per_sqrt_s=0), "column q1, q2"),
     ],
@@ -57,17 +52,10 @@ def test_labelled_arrays_are_those_of_the_recording_and_of_the_result(monkeypatc
     assert data["rate_deg_s"].attrs["units"] == "deg/s"
     assert data.attrs["sample_s"] == RECORDING.gyro.sample_s
     np.testing.assert_array_equal(data["rate_deg_s"].sel(gyro="y"), RECORDING.to_frame()["rate_y_deg_s"])
-    first = RECORDING.intervals[0]
-    here = data.sel(reference_t_s=slice(first.start_s, first.stop_s))
-    assert here["quaternion"].shape == (31, 4)
-    assert data["stop_s"].sel(interval=first.name) == first.stop_s
     result = gyrocal.calibrate(RECORDING)
     found = result.to_xarray()
     np.testing.assert_array_equal(found["bias_deg_s"], result.bias_deg_s)
     assert found["G"].sel(body="x", gyro="z") == result.G[0, 2]
-    spread = found["covariance"].sel(parameter="b_y", other="b_y")
-    assert float(spread) == pytest.approx(float(found["sigma_bias_deg_s"].sel(body="y")) ** 2)
-    assert found["after_deg"].sel(rotation="yaw").shape == (len(result.residuals),)
     monkeypatch.setitem(sys.modules, "xarray", None)
     for thing in (RECORDING, result):
         with pytest.raises(InputError, match=r"pip install 'gyrocal\[xarray\]'"):

@@ -51,7 +51,6 @@ def test_flicker_has_a_flat_allan_deviation_at_0_664_B():
         floor = np.sqrt(np.mean([allan_deviation(rate[:, 1], count) ** 2 for rate in rates])) / DEG_H
         error = np.sqrt(2 / (6 * 2**17 / count))
         assert floor == pytest.approx(2 * FLOOR, rel=5 * error + 0.01)
-    assert pytest.approx(0.664, abs=5e-4) == FLOOR
 
 
 def test_noise_excess_scales_the_very_same_noise():
@@ -94,7 +93,6 @@ STEP, LIMIT = np.deg2rad(1e-3), np.deg2rad(0.3)
     [
         ("rate_saturation:z=0.3", [2], lambda x: np.clip(x, -LIMIT, LIMIT)),
         ("rate_quantization=1e-3", [0, 1, 2], lambda x: STEP * np.round(x / STEP)),
-        ("rate_quantization:y=1e-3", [1], lambda x: STEP * np.round(x / STEP)),
         ("rate_truncation=1e-3", [0, 1, 2], lambda x: STEP * np.trunc(x / STEP)),
     ],
 )
@@ -114,7 +112,6 @@ def test_spikes_have_their_share_size_and_sign():
     assert hit.size == pytest.approx(2000, abs=5 * np.sqrt(2000))
     assert np.abs(hit).mean() == pytest.approx(2.0, rel=5 / np.sqrt(hit.size))
     assert hit.mean() == pytest.approx(0, abs=5 * 2 * np.sqrt(2 / hit.size))
-    assert (applied("spikes=2,fraction=0.01", still(20_000)) != 0).any(axis=0).all()
 
 
 def test_stale_samples_repeat_all_axes_within_an_interval():
@@ -124,7 +121,6 @@ def test_stale_samples_repeat_all_axes_within_an_interval():
     assert changed.mean() == pytest.approx(0.2, abs=0.1)
     np.testing.assert_array_equal(made[1:][changed[1:]], made[:-1][changed[1:]])
     assert not changed[[part.start for part in MOTION.intervals]].any()
-    np.testing.assert_array_equal(shown("stale_samples=5,fraction=0", 6), plain)
 
 
 def test_chain_order():
@@ -135,8 +131,6 @@ def test_chain_order():
     assert np.abs(made[:, 0]).max() == pytest.approx(0.21)
     assert np.abs(made[:, 1]).max() > 5
 
-
-# ---- covariances -----------------------------------------------------------------------------------------------------------
 
 TIMES = still(12, 30.0, (0.0, 2000.0))
 AT = ProcessTimes(TIMES.t_s, np.cumsum(TIMES.duration_s) - 0.5 * TIMES.duration_s, np.repeat([0, 1], 12))
@@ -156,9 +150,9 @@ def drawn(setting):
     "text",
     [
         "bias_random_walk:x=2,gaps=hold",
-        "bias_random_walk:x=2,gaps=grow",
         "bias_random_walk:x=2,gaps=reset",
         "noise_flicker:x=2",
+        "bias_markov:x=2,time_constant_s=300",
         "reference_correlated:x=2,time_constant_s=300",
     ],
 )
@@ -186,24 +180,14 @@ def test_every_process_has_a_covariance_for_all_its_trials():
                 assert np.linalg.eigvalsh(K).min() > -1e-9 * np.trace(K)
 
 
-# ---- noise of a colour ------------------------------------------------------------------------------------------------
-
-PLAN = simulator.load("trmm_series")
-ARCSEC = np.deg2rad(1 / 3600)
-
-
-def added(*effects, seed=1):
-    """What effects add to each interval's samples of axis z, and how long a sample is."""
-    with_, without = (simulator.simulate(PLAN, seed=seed, effects=[parse(text) for text in texts]) for texts in (effects, ()))
-    difference = (with_.gyro.rates - without.gyro.rates)[:, 2]
-    edges = np.searchsorted(with_.gyro.t_s, [[one.start_s, one.stop_s] for one in with_.intervals])
-    return [difference[low:high] for low, high in edges], with_.gyro.sample_s
-
-
 def test_angle_white_noise_is_that_of_readings_and_does_not_add_up():
-    parts, sample_s = added("noise_angle_white:z=2")
+    size, plan = np.deg2rad(2 / 3600), simulator.load("trmm_series")
+    with_, without = (simulator.simulate(plan, seed=1, effects=one) for one in ([parse("noise_angle_white:z=2")], []))
+    difference, sample_s = (with_.gyro.rates - without.gyro.rates)[:, 2], with_.gyro.sample_s
+    edges = np.searchsorted(with_.gyro.t_s, [[one.start_s, one.stop_s] for one in with_.intervals])
+    parts = [difference[low:high] for low, high in edges]
     found = overlapping_allan_deviation(parts, sample_s, [1, 8, 64])
-    expected = (2 * ARCSEC) ** 2 * compute_allan_variance(ANGLE_WHITE, found.tau_s)
+    expected = size**2 * compute_allan_variance(ANGLE_WHITE, found.tau_s)
     assert np.all(np.abs(found.variance / expected - 1) < 4 * np.sqrt(2 * 35 / 18 / found.counts))
     for part in parts:  # only the first and the last reading remain
-        assert abs(np.sum(part) * sample_s) < 6 * np.sqrt(2) * 2 * ARCSEC
+        assert abs(np.sum(part) * sample_s) < 6 * np.sqrt(2) * size

@@ -48,8 +48,6 @@ def test_replay_keeps_everything_but_the_draws():
     clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
     np.testing.assert_array_equal(clean.attitudes.quaternions, FOUND.quaternions)
     np.testing.assert_allclose(clean.gyro.rates @ FITTED.G.T + FITTED.bias, FOUND.rates, atol=1e-17)
-    other = replay(ORIGINAL, FITTED.G, FITTED.bias, seed=2, motion=FOUND)
-    assert not np.any(again.gyro.rates == other.gyro.rates)
 
 
 def test_replays_calibrate_to_their_truth_within_sigma():
@@ -75,9 +73,6 @@ def test_holes_and_outliers_are_bridged():
     assert separation(found.quaternions, MOTION.quaternions).std() < np.deg2rad(0.005)
 
 
-# ---- command line ------------------------------------------------------------------------------------------------------------
-
-
 def test_replay_on_the_command_line(run_cli, tmp_path):
     save(ORIGINAL, tmp_path / "rec")
     truth = tmp_path / "truth.json"
@@ -94,9 +89,6 @@ def test_replay_on_the_command_line(run_cli, tmp_path):
     bad = run_cli("simulate", "trmm", str(tmp_path / "bad"), "--effect", "bias_step:z=1,time_s=1e9")
     assert (bad.exit_code, len(bad.stderr.strip().splitlines())) == (2, 1)
     assert not (tmp_path / "bad").exists()
-    refused = run_cli("simulate", str(tmp_path / "rec"), str(tmp_path / "c"), "--set", "gyro.sample_s=1")
-    assert refused.exit_code == 2
-    assert "a recording has no scenario to change" in refused.stderr
 
 
 def test_every_effect_is_in_the_documentation():

@@ -10,9 +10,9 @@ from simulator import scenario
 from simulator.effects.sensor import SENSOR_EFFECTS, Sightings, parse
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors.horizon import compute_orbit_position
-from simulator.sensors.raw_tables import build_nominal_suite, simulate_sensor_tables
+from simulator.sensors.raw_tables import build_nominal_suite
 from simulator.sensors.sun import compute_head_tangents
-from simulator.simulate import motion, simulate
+from simulator.simulate import simulate
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 
@@ -20,13 +20,10 @@ EPOCH = "1997-12-19T21:30:00"
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=np.deg2rad(-133.0))
 MONTHS = scenario.load("trmm_months")
 SETTINGS = [
-    "dss_head:1=0.6",
     "dss_head:2=-0.9,e1_deg=1,e2_deg=-2,e3_deg=0.3",
     "dss_misalignment=0.8",
     "esa_bias=0.3",
-    "esa_s_filter=0.5",
     "esa_s_filter=-0.5,time_constant_s=30",
-    "esa_sun_intrusion=0.7",
     "esa_sun_intrusion=0.7,field_deg=8,time_constant_s=120",
     "esa_nadir=0.4",
 ]
@@ -86,8 +83,6 @@ def test_an_effect_leaves_the_noise_as_it_was():
     bias = np.deg2rad(SENSOR_EFFECTS["esa_bias"].amplitudes(parse("esa_bias=0.4")))
     difference = biased.sensors.earth.angles - plain.sensors.earth.angles
     np.testing.assert_allclose(difference, np.tile(bias, (len(difference), 1)), atol=1e-12)
-    again = simulate_sensor_tables(few, motion(few), seed=6)
-    assert not np.array_equal(again.sun.counts[:50], plain.sensors.sun.counts[:50])
 
 
 def test_the_setting_of_several_angles_holds_those_that_act():

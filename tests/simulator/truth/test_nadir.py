@@ -38,10 +38,7 @@ def test_a_scenario_points_to_geodetic_nadir():
     """Figure 3's ω_x, zero in LVLH; simulated attitudes follow the rates, so that a calibration recovers what was put in."""
     trmm = scenarios.load("trmm")
     plain, true = (scenarios.override(trmm, {"orbit.nadir": nadir, "orbit.j2": True}) for nadir in ("geocentric", "geodetic"))
-    rates = {}
-    for name, scenario in (("geocentric", plain), ("geodetic", true)):
-        path = motion(scenario)
-        rates[name] = np.rad2deg(path.rates[path.intervals[0]])
-    assert np.abs(rates["geodetic"] - rates["geocentric"])[:, 0].max() > 1.5e-4
+    geocentric, geodetic = (np.rad2deg(path.rates[path.intervals[0]]) for path in (motion(plain), motion(true)))
+    assert np.abs(geodetic - geocentric)[:, 0].max() > 1.5e-4
     result = calibrate(simulate(true, noise=False))
     np.testing.assert_allclose(result.G, true.gyro.true_G, rtol=0, atol=1e-6)
