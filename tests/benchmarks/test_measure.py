@@ -36,14 +36,6 @@ def test_every_c_variant_agrees_with_the_kernel(arcs, tmp_path):
         assert disagreement(call(), expected) < 1e-12, "a second call starts afresh"
 
 
-@needs_compiler
-def test_loading_the_c_kernel_leaves_the_process_arithmetic_alone(tmp_path):
-    c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path)
-    smallest = np.array([np.finfo(float).smallest_subnormal])
-    assert (smallest / 1 * np.array([1.0]) > 0).all()
-    assert (np.array([np.finfo(float).tiny]) / 4 > 0).all()
-
-
 def test_textbook_loop_and_scipy_agree_with_the_kernel(arcs):
     expected = run_packed(arcs, PARAMETERS)
     R, Theta = references.textbook(arcs, PARAMETERS)

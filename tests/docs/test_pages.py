@@ -82,9 +82,11 @@ def place(made, tmp_path, monkeypatch):
 
 
 LENGTHY = (
+    "docs/allan.md",
     "docs/formats.md",
     "docs/import.md",
     "docs/plan.md",
+    "docs/studies.md",
     "docs/tutorial.md",
 )  # of the pages; their commands have tests of their own
 

@@ -2,7 +2,6 @@
 
 import os
 import resource
-import stat
 import subprocess
 import sys
 
@@ -39,15 +38,6 @@ def test_half_a_file_is_never_seen_and_nothing_stays_after_an_error(tmp_path):
         interrupted()
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.json"]
-
-
-def test_a_file_has_the_rights_that_the_user_gives_new_files(tmp_path):
-    before = os.umask(0o027)
-    try:
-        write(tmp_path / "a.json")
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE((tmp_path / "a.json").stat().st_mode) == 0o640
 
 
 def test_what_lies_at_the_temporary_name_is_neither_followed_nor_removed(tmp_path, monkeypatch):

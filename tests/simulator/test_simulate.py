@@ -73,16 +73,6 @@ def test_a_cut_sample_has_the_noise_of_its_duration():
     np.testing.assert_allclose((noisy - clean)[cut - 1], draws[cut - 1] * arw / np.sqrt(0.5), rtol=1e-9)
 
 
-def test_samples_of_an_uneven_interval_lead_to_its_end():
-    """The integral of the mean rates is the turn of a constant-rate mode whatever the sampling."""
-    scenario = simulator.override(TRMM, {"gyro.sample_s": 0.7, "interval.0.stop_s": 6000.3})
-    motion = simulator.motion(scenario)
-    part = motion.intervals[0]
-    end = accumulate(motion.quaternions[0], motion.rates[part] * motion.duration_s[part, None])[-1]
-    assert np.abs(separation(end, motion.quaternions[1])).max() < 1e-12
-    assert motion.duration_s[part].sum() == pytest.approx(6000.3, abs=1e-9)
-
-
 def test_point_reading_is_the_rate_at_the_start_of_the_sample():
     point = simulator.motion(simulator.override(TRMM, {"gyro.reading": "point"}))
     np.testing.assert_array_equal(point.t_s, MOTION.t_s)
@@ -93,26 +83,6 @@ def test_point_reading_is_the_rate_at_the_start_of_the_sample():
     # The mean over a sample is the trapezium of its end points up to h² ω''/12 = 8e-8 rad/s.
     np.testing.assert_allclose(middle[slew], MOTION.rates[slew], atol=1e-7)
     assert np.abs(point.rates[slew] - MOTION.rates[slew]).max() > 5e-6
-
-
-def test_touching_intervals_share_one_reference():
-    common = {"activity": "", "mode": "+x"}
-    scenario = simulator.override(
-        simulator.load("trmm_series"),
-        {
-            "control_motion": {"amplitude_deg": [0.1, 0.2, 0.1], "period_s": [130.0, 170.0, 90.0]},
-            "interval": [
-                {"name": "a", "start_s": 100.0, "stop_s": 700.0, **common},
-                {"name": "b", "start_s": 700.0, "stop_s": 1300.0, **common},
-            ],
-        },
-    )
-    motion = simulator.motion(scenario)
-    assert motion.reference_t_s.tolist() == [100.0 + 60 * k for k in range(21)]
-    whole = accumulate(motion.quaternions[0], motion.rates * motion.duration_s[:, None])[-1]
-    # Mean rates leave out the coning within a sample; a jump of the attitude at the joint would be 1e-3.
-    assert np.abs(separation(whole, motion.quaternions[-1])).max() < 1e-7
-    simulator.observe(scenario, motion, gyro_rng=None, reference_rng=None)
 
 
 # ---- times and errors of the references --------------------------------------------------------------------------------

@@ -55,18 +55,3 @@ def test_degrees_of_freedom_are_those_of_allantools(term):
     many = [int(m) for m in found.factors if m >= 32]
     theirs = [allantools.edf_greenhall(KINDS[term][0], 2, m, samples + 1, overlapping=True, modified=False) for m in many]
     assert compute_degrees(found, term)[-len(many) :] == pytest.approx(theirs, rel=0.03)
-
-
-def test_covariance_between_averaging_times():
-    """Of white noise with a ramp, against the scatter over 1000 records."""
-    cases, n, factors, slope = 1000, 400, [1, 4, 32, 64], 2e-3
-    rng = np.random.default_rng(4)
-    found = [
-        overlapping_allan_deviation([noises.random_walk(rng, n, 1.0) + noises.ramp(n, slope)], noises.SAMPLE_S, factors)
-        for _ in range(cases)
-    ]
-    seen = np.cov(np.array([one.variance for one in found]).T)
-    V = estimate_covariance(found[0], {RANDOM_WALK: 1.0, "rate ramp": slope**2}, 1.0)
-    scale = np.sqrt(np.outer(np.diag(V), np.diag(V)))
-    assert np.all(np.abs(seen - V) / scale < 4 * np.sqrt(2 / cases) * 1.5)  # with the heavier tails of χ²
-    assert np.corrcoef(np.array([one.variance for one in found]).T)[2, 3] > 0.5

@@ -94,17 +94,6 @@ def test_too_few_intervals_report_what_is_free_with_the_plausible_ranges_as_prio
     assert all(sigma > 0.5 * PLAUSIBLE_G for text, sigma in zip(free, result.unobservable_sigma, strict=True) if "G_" in text)
 
 
-def test_combinations_that_are_found_keep_their_values_beside_free_ones():
-    """With the plausible ranges as prior, a bias seen at rest is that of a calibration that solves for biases alone."""
-    recording = piecewise_recording(((((0.0, 0.0, 0.0), 600.0),),), arw=np.deg2rad(2e-4), rng=np.random.default_rng(3))
-    alone = calibrate(recording, solve_for="bias")
-    result = calibrate(recording)
-    assert alone.observability.unobservable == ()
-    assert len(result.observability.unobservable) >= 6
-    np.testing.assert_allclose(result.bias, alone.bias, rtol=0, atol=0.05 * alone.sigma[9:].max())
-    assert set(result.undetermined) == {name for name in NAMES if name.startswith("G")}
-
-
 def test_a_recording_that_determines_nothing_ends_in_one_line_that_names_what_to_do():
     recording = piecewise_recording(PLAN[1:2], sigma_deg=20.0)
     with pytest.raises(UnobservableError) as caught:

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 from gyrocal.importing import import_csv
-from gyrocal.importing.estimates import estimate_walk_at_rest
 from tests.builders import choose_case_numbers
 
 SAMPLE_S, EVERY, LENGTH = 0.1, 2, 6000
@@ -76,16 +75,6 @@ def test_one_tracker_has_a_sigma_about_each_axis(tmp_path):
     np.testing.assert_allclose(made.attitudes.sigma[0], sigma, rtol=0.15)
     assert made.attitudes.sigma_degrees > 1000
     assert 0.01 < gyrocal.calibrate(made).p_value < 0.99
-
-
-def test_the_walk_of_a_rest_has_its_degrees_of_freedom():
-    """The scatter of Allan deviations of 10 s is that of the formula, also where one sample lasts as long as the averages."""
-    for sample_s in (0.1, 0.01):
-        rng = np.random.default_rng(5)
-        m, rests = round(0.1 / sample_s), rng.normal(size=(4000, round(10 / sample_s), 1))
-        squares = [estimate_walk_at_rest([one], sample_s)[0] ** 2 / sample_s for one in rests]
-        degrees = 1.5 * 10 / 0.1 * 4 * m**2 / (4 * m**2 + 5)
-        assert abs(np.var(squares) * degrees / 2 - 1) < 0.12
 
 
 def test_the_ratio_to_an_estimated_level_has_its_level():

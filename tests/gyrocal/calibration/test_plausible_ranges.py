@@ -8,7 +8,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, calibrate
-from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
+from gyrocal.calibration.implausible_values import find_implausible_values
 from gyrocal.calibration.mounting import compute_mounting
 from gyrocal.calibration.plausible_ranges import (
     DEG_SQRT_H,
@@ -103,13 +103,3 @@ def test_values_that_no_gyro_has_are_named(moving):
     assert "30 deg away from the stated axes" in found[1]
     assert "4 times the plausible range of the MEMS grade" in found[2]
     assert "off the bias in the rests" in found[3]
-
-
-def test_a_misfit_widens_sigmas_beyond_the_ranges():
-    covariance, ranges = np.diag([0.5, 0.01]) ** 2, np.ones(2)
-    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 90.0, 100) == ()
-    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 300.0, 100) == ()
-    (text,) = find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 900.0, 100)
-    assert "√(χ²/dof) = 3," in text
-    assert "1 of 2 parameter combinations" in text
-    assert "1 G_xx" in text

@@ -13,12 +13,10 @@ from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.remainder import (
     add_remainder,
     build_paths,
-    list_processes,
 )
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Process, Stretches, read_processes
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
-from tests.builders import piecewise_recording
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
 RATE, REFERENCE = np.deg2rad(0.1), np.deg2rad(0.2)
@@ -125,13 +123,3 @@ def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
     nominal = KnownCalibration.build(plain)
     assert nominal.noise == RemainderNoise()
     np.testing.assert_array_equal(nominal.covariance, plain.covariance)
-
-
-def test_few_degrees_of_freedom_have_only_a_noise_factor():
-    assert list_processes((1.0, 10.0), 20) == ()
-    rng = np.random.default_rng(0)
-    recording = piecewise_recording(rng=rng, arw=2e-7)
-    noisy = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 10))
-    result = add_remainder(noisy, calibrate(noisy))
-    assert result.recommended == WITH_REMAINDER
-    assert result.remainder.noise_factor > 3

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import gyrocal
 import simulator
 from gyrocal.estimation import held_out
 from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
@@ -55,14 +54,3 @@ def test_no_calibration_has_the_references_of_its_turns(recording, monkeypatch):
     assert not any(np.isin(turned, used).any() for turned, used in compared)
     held = np.unique(np.concatenate([turned for turned, _ in compared]))
     np.testing.assert_array_equal(held, recording.attitudes.t_s)  # each is held out once
-
-
-def test_a_reference_that_two_blocks_share_is_in_no_turn(recording):
-    one = recording.intervals[0]
-    rows = gyrocal.recording.find_reference_rows(recording.attitudes.t_s, one)
-    t_s = recording.attitudes.t_s[rows]
-    chain = tuple(replace(one, name=f"part {k}", start_s=t_s[k], stop_s=t_s[k + 1]) for k in range(6))
-    attitudes = recording.attitudes.select_rows(rows[:7])
-    touching = replace(recording, intervals=chain, attitudes=attitudes, tables={}, sensors=None)
-    assert predict_held_out_turns(touching) == ()  # each turn would start or end at one that a calibration has used
-    assert "Held-out prediction: none" in describe_held_out_turns(())

@@ -1,7 +1,5 @@
 """The on-board form: against the ground batch and the recursion, its covariance over seeds, its memory."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -124,24 +122,6 @@ def test_reference_errors_are_added_at_both_ends():
     for one, other in zip(plain, stated, strict=True):
         D = np.diag(sigma**2)
         np.testing.assert_allclose(other.C - one.C, D + one.R @ D @ one.R.T, atol=1e-18)
-
-
-def test_memory_does_not_grow_with_the_samples():
-    flight = fly(length=2000.0)
-    rates, series = flight.gyro(np.random.default_rng(4)).rates, simulate_direction_series(flight)
-    onboard = OnBoardCalibrator(KalmanFilter(flight.A[0], TRUTH, np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW), TRUTH)
-    sizes = []
-    for k, raw in enumerate(rates):
-        if k % 200 == 50:
-            onboard.start()
-        if k % 200 == 150:
-            onboard.finish()
-        onboard.sample(raw, 1.0)
-        if k % 20 == 0:
-            onboard.measurement(series.model, k // 10, series.y[k // 10], series.sigma[k // 10])
-        if k in (399, 1999):
-            sizes.append(len(pickle.dumps(onboard)) - len(pickle.dumps(series.model)))
-    assert sizes[0] == sizes[1] < 8192
 
 
 def test_wrong_use():

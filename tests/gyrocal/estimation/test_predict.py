@@ -1,7 +1,6 @@
 """The attitude by gyro alone: unbiased, with the covariance of its errors, and none of what it was not told."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import pytest
 from gyrocal import GyroParameters, InputError, attitude, calibrate
 from gyrocal.calibration.remainder_processes import Process
 from gyrocal.estimation.error_smoother import ErrorStates
-from gyrocal.estimation.predict import _check_memory, list_step_times, predict, prior_covariance
+from gyrocal.estimation.predict import _check_memory, predict, prior_covariance
 from gyrocal.estimation.remainder_noise import RemainderNoise
 from tests.builders import RPO, TRUTH, mean_bounds, piecewise_recording
 
@@ -127,12 +126,3 @@ def test_memory_grows_with_the_number_of_references_and_not_with_its_square():
     assert peak < 75e6
     with pytest.raises(InputError, match=r"need \d+\.\d GB, the limit is 4 GB: give a larger --step"):
         _check_memory(10**7, RemainderNoise())
-
-
-def test_equal_steps_end_at_the_first_gap():
-    gyro = QUIET.gyro
-    kept = (gyro.t_s < 700.0) | (gyro.t_s > 750.0)
-    holed = replace(QUIET, gyro=replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept]))
-    found = list_step_times(holed, FROM_S, 12.5)
-    np.testing.assert_allclose(found, FROM_S + 12.5 * np.arange(1, 5))
-    assert list_step_times(holed, FROM_S, 1e3).size == 0

@@ -1,32 +1,66 @@
 """Batch attitudes given to the calibrator: their covariance is that of simulated residuals, and leaving part out shows."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
-from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
+from gyrocal import GyroParameters, GyroStream, InputError, Interval, Recording, calibrate
 from gyrocal.attitude import matrix_from_quaternion, residual
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.estimation.batch import batch
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
 from simulator.streams import generator
 from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
-from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch
-from tests.gyrocal.estimation.reference_cases import (
-    BACKWARD,
-    COMPONENT_SIGMA,
-    FORWARD,
-    REFERENCE_CASE_EPOCH,
-    SLEW_RATE,
-    build_chain_case,
+from tests.gyrocal.estimation.attitude_cases import (
+    ATTITUDE_CASE_ARW,
+    RPO,
+    TRUE_BIAS,
+    build_timeline_flight,
+    make_direction_sensor,
 )
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
 TRUE = TRUTH.vector
+EPOCH = "2000-01-01T00:00:00Z"
+COMPONENT_SIGMA = 5e-4  # of each component a sensor sees
+STAR_DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
+SLEW_RATE = float(np.deg2rad(0.3))  # rad/s
+FORWARD, BACKWARD, SIDEWAYS, STILL = (0.0, -RPO, 0.0), (0.0, RPO, 0.0), (RPO, 0.0, 0.0), (0.0, 0.0, 0.0)
+SLEWS = SLEW_RATE * np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0], [0, -1, 0], [-1, 0, 0]])
+CHAIN_ARW = 0.2 * ATTITUDE_CASE_ARW  # small, or the gyro's noise hides what is shared
 
 
 def references(motion, gyro, low, high, times, rng, weighting="plain", every_s=30.0):
-    """A batch between two times, with attitudes wanted at some."""
-    return run_star_batch(motion, gyro, low, high, times, rng, COMPONENT_SIGMA, weighting, every_s)
+    """A batch of two sensors of fixed directions, always in view, between two times, with attitudes wanted at some."""
+    t = np.arange(low, high + 1e-9, every_s)
+    sensors = [make_direction_sensor(f"star {k}", np.tile(one, (t.size, 1))) for k, one in enumerate(STAR_DIRECTIONS)]
+    series = [sensor.simulate_series(motion, t, COMPONENT_SIGMA, rng) for sensor in sensors]
+    return batch(series, gyro, motion.get_attitudes([low])[0], epoch_s=low, times=times, weighting=weighting)
+
+
+@cache
+def build_chain():
+    """A flight, spans of batches, and intervals that share batches."""
+    parts, intervals, spans, clock = [], [], [], 0.0
+    for k, rate in enumerate((FORWARD, BACKWARD, FORWARD, SIDEWAYS, BACKWARD, STILL, FORWARD)):
+        spans.append((clock, clock + 900.0, (clock, clock + 900.0)))
+        following = [(f"slew {k}", SLEWS[k], 600.0)] if k < len(SLEWS) else []
+        for name, turn, length in [(f"arc {k}", rate, 900.0), *following]:
+            parts.append((turn, length))
+            intervals.append(Interval(name, "", clock, clock + length))
+            clock += length
+    return build_timeline_flight(parts, TRUTH.G, arw=CHAIN_ARW, bias=TRUTH.bias), spans, tuple(intervals)
+
+
+def draw_chain(rng):
+    """A recording of the chain with noise and the intervals of which batches are its references; and the batches."""
+    motion, spans, intervals = build_chain()
+    gyro = motion.gyro(rng)
+    batches = [references(motion, gyro, *span, rng) for span in spans]
+    stream = GyroStream(gyro.t_s, gyro.rates, gyro.sample_s, CHAIN_ARW)
+    return Recording("chain", EPOCH, stream, reference_attitudes(batches), intervals), batches
 
 
 @pytest.mark.parametrize("cases", choose_case_numbers(40, 300))
@@ -44,7 +78,7 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting,
         rng = generator(52, case, weighting)
         gyro = motion.gyro(rng)
         batches = [references(motion, gyro, *span, rng, weighting, every_s=60.0) for span in spans]
-        recording = Recording("shared", REFERENCE_CASE_EPOCH, gyro, reference_attitudes(batches), intervals)
+        recording = Recording("shared", EPOCH, gyro, reference_attitudes(batches), intervals)
         prepared, A = prepare_measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
         R = propagate(prepared.arcs, np.eye(3), TRUE_BIAS).R
         draws.append(residual(A[prepared.row], R @ A[prepared.start]).ravel())
@@ -57,35 +91,14 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting,
     np.testing.assert_array_equal(interval_covariance(batches, intervals, arw)[1], V[3:6, 3:6])
 
 
-def test_references_come_in_the_order_of_time_and_once():
-    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
-    rng = generator(52, 0, "two")
-    late = references(motion, motion.gyro(), 600, 1200, (1200, 700), rng)
-    early = references(motion, motion.gyro(), 0, 500, (0,), rng)
-    found = reference_attitudes([late, early])
-    np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
-    np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], late.attitude_sigma[1], late.attitude_sigma[0]])
-    whole, half = Interval("whole", "", 0, 1200), Interval("half", "", 0, 600)
-    assert residual_covariance([late, early], [whole], ATTITUDE_CASE_ARW).shape == (6, 6)
-    for match, call in (
-        ("of one time, 0 s", lambda: reference_attitudes([early, early])),
-        ("no batch", lambda: reference_attitudes([])),
-        ("whole has 3 references", lambda: interval_covariance([late, early], [whole], ATTITUDE_CASE_ARW)),
-        ("half: 1 reference", lambda: residual_covariance([late, early], [half], ATTITUDE_CASE_ARW)),
-    ):
-        with pytest.raises(InputError, match=match):
-            call()
-
-
 @pytest.mark.parametrize("cases", choose_case_numbers(60, 100))
 def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
-    setup = build_chain_case(TRUTH)
     values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
     for case in range(cases):
-        recording, batches = setup.draw(generator(53, case, "chain"))
-        V = residual_covariance(batches, setup.intervals, setup.arw)
-        C = interval_covariance(batches, setup.intervals, setup.arw)
+        recording, batches = draw_chain(generator(53, case, "chain"))
+        V = residual_covariance(batches, recording.intervals, CHAIN_ARW)
+        C = interval_covariance(batches, recording.intervals, CHAIN_ARW)
         found = {
             "whole": calibrate(recording, residual_covariance=V),
             "blocks": calibrate(recording, interval_covariance=C),
@@ -99,13 +112,12 @@ def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     assert not is_mean_of_chi2(values["blocks"], 12)
     assert not is_mean_of_chi2(values["independent"], 12)
     assert np.mean(sigmas) > 1.3
-    assert dof == {3 * len(setup.intervals) - 12}
+    assert dof == {3 * len(recording.intervals) - 12}
 
 
 def test_a_covariance_of_all_residuals_is_checked():
-    setup = build_chain_case(TRUTH)
-    recording, batches = setup.draw(generator(53, 0, "chain"))
-    V = residual_covariance(batches, setup.intervals, setup.arw)
+    recording, batches = draw_chain(generator(53, 0, "chain"))
+    V = residual_covariance(batches, recording.intervals, CHAIN_ARW)
     lopsided, singular = V.copy(), V.copy()
     lopsided[0, 4] += 0.1 * np.sqrt(V[0, 0] * V[4, 4])
     singular[:3], singular[:, :3] = singular[3:6], singular[:, 3:6]

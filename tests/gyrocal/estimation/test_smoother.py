@@ -1,11 +1,8 @@
 """The smoother against the batch of all measurements, and against the truth over many seeds."""
 
-import dataclasses
-
 import numpy as np
-import pytest
 
-from gyrocal import GyroParameters, InputError, attitude
+from gyrocal import GyroParameters, attitude
 from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter
@@ -39,13 +36,3 @@ def test_smoothed_attitudes_are_the_batch_ones_with_their_joint_covariance():
     np.testing.assert_allclose(smoothed.attitude_covariance / scale, whole.attitude_covariance / scale, atol=2e-2)
     assert abs(whole.attitude_covariance[0, 3] / scale[0, 3]) > 5e-3
     np.testing.assert_allclose(smoothed.x[:, 9:], np.tile(whole.bias, (3, 1)), atol=1e-2 * np.sqrt(whole.covariance[3, 3]))
-
-
-def test_the_last_estimate_is_the_filters():
-    flight = fly(length=1500.0)
-    found, *_ = filtered(flight, np.random.default_rng(2))
-    smoothed = smooth(found)
-    np.testing.assert_array_equal(smoothed.A[-1], found.A[-1])
-    np.testing.assert_array_equal(smoothed.covariance[-1, :, -1], found.covariance[-1])
-    with pytest.raises(InputError, match="keep_history"):
-        smooth(dataclasses.replace(found, history=None))

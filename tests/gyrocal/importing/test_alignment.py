@@ -94,18 +94,6 @@ def test_euler_angles_in_another_order_or_unit_are_named(data, stated, words):
     assert words in message
 
 
-def test_sigma_is_a_number_three_or_columns(data):
-    table = data.attitude.assign(s=np.linspace(0.1, 0.3, len(data.attitude)))
-    own = replace(data, attitude=table)
-    for stated, wanted in ((0.3, 0.3), ([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])):
-        sigma = build(*read(own, sigma_deg=stated)).recording.attitudes.sigma
-        np.testing.assert_allclose(np.rad2deg(sigma), np.broadcast_to(wanted, sigma.shape))
-    made = build(*read(own, sigma_deg="s"))
-    sigma = np.rad2deg(made.recording.attitudes.sigma[:, 0])
-    assert sigma[0] < 0.12
-    assert sigma[-1] > 0.28
-
-
 def windows_of(data, change):
     streams, _ = read(data)
     one = streams.sensors[0]

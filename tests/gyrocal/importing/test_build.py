@@ -123,24 +123,6 @@ def test_four_gyros_are_joined_in_a_mounting_that_is_estimated(mirror):
     np.testing.assert_allclose(gyro.arw_deg_per_sqrt_s, np.sqrt(0.75) * 1e-5)
 
 
-def test_the_parity_of_joined_gyros_has_their_noise_and_shows_the_one_that_fails():
-    walk = np.deg2rad(1e-5)
-    found, _ = import_four(walk=walk)
-    assert found.recording.gyro.arw == pytest.approx(np.sqrt(0.75) * walk, rel=0.1)
-    assert sum("differs from what the others say" in text for text in found.assumed) == 4
-    assert found.warnings == ()
-
-    def step(gyro):
-        gyro.loc[1500:, "c"] += 1e-3
-
-    stepped, _ = import_four(walk=walk, damage=step, unchecked=True)
-    assert any("the gyros do not agree" in text and "--gyros" in text for text in stepped.warnings)
-    without, _ = import_four(walk=walk, damage=step, gyros="1,b,4")
-    assert without.warnings == ()
-    three, four = (one.recording.gyro for one in (without, found))
-    np.testing.assert_allclose(three.rates @ three.apriori_G.T, four.rates @ four.apriori_G.T, atol=1e-4)
-
-
 def trackers(rng, sigma, dropped=(100.0, 130.0)):
     """Streams of three gyros and two trackers, the second of which drops out for a while."""
     t, omega, body = turning(1800)

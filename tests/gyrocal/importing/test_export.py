@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import gyrocal
 import simulator
 from gyrocal import InputError
 from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
@@ -68,21 +67,3 @@ def test_tables_are_read_as_the_recording_that_they_are_of(imported, tmp_path, s
     np.testing.assert_allclose(again.gyro.apriori_bias, source.gyro.apriori_bias, rtol=1e-12)
     assert again.gyro.arw == pytest.approx(source.gyro.arw, rel=1e-12)
     assert again.title == 'a "log"'
-
-
-def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path):
-    one = imported.intervals[0]
-    rows = gyrocal.recording.find_reference_rows(imported.attitudes.t_s, one)
-    shared_s = float(imported.attitudes.t_s[rows[len(rows) // 2]])
-    halves = replace(one, name="first", stop_s=shared_s), replace(one, name="second", start_s=shared_s)
-    attitudes = gyrocal.Attitudes(*(getattr(imported.attitudes, name)[rows] for name in ("t_s", "quaternions", "sigma")))
-    source = replace(imported, attitudes=attitudes, intervals=halves)
-    csv_files.write_csv(source, tmp_path)
-    again = back(tmp_path)
-    np.testing.assert_allclose(again.attitudes.t_s, attitudes.t_s, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(again.attitudes.quaternions, attitudes.quaternions, rtol=0, atol=1e-15)
-    assert [(part.name, part.start_s, part.stop_s) for part in again.intervals] == [
-        (part.name, pytest.approx(part.start_s), pytest.approx(part.stop_s)) for part in halves
-    ]
-    both = [gyrocal.recording.find_reference_rows(again.attitudes.t_s, part) for part in again.intervals]
-    assert sum(map(len, both)) == len(attitudes.t_s) + 1  # the shared reference is of both

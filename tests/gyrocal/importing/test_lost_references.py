@@ -3,11 +3,9 @@
 from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing import import_csv
 from gyrocal.importing.lost_references import leave_out_lost_references
 
 SAMPLE_S, RATE = 0.02, 0.6
@@ -79,23 +77,3 @@ def test_a_forward_filled_table_keeps_one_row_a_measurement_at_rest_as_well():
     lost, said = find_lost(t_s, raw, at, filled)
     assert np.setdiff1d(np.arange(len(q)), lost).tolist() == fresh.tolist()
     assert "up to 0.02 s late" in said[1]
-
-
-def test_an_import_without_lost_references_is_as_one_with_empty_fields(tmp_path):
-    t_s, raw, at, q = build_tables(5)
-
-    def imported(values):
-        gyro = pd.DataFrame(np.column_stack([t_s, raw]), columns=["t", "gx", "gy", "gz"])
-        attitude = pd.DataFrame(np.column_stack([at, values]), columns=["t", "qx", "qy", "qz", "qw"])
-        gyro.to_csv(tmp_path / "gyro.csv", index=False)
-        attitude.to_csv(tmp_path / "attitude.csv", index=False)
-        words = {"time": "t:s", "gyro": "gx,gy,gz:rad/s", "quat": "qx,qy,qz,qw:scalar-last:body-to-world"}
-        return import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **words)
-
-    empty, lost = q.copy(), q.copy()
-    for first, value in ((150, np.zeros(4)), (190, [0, 0, 0, 1.0]), (230, q[229])):
-        empty[first : first + 20] = np.nan
-        lost[first : first + 20] = value
-    made = imported(lost)
-    assert np.array_equal(made.recording.attitudes.t_s, imported(empty).recording.attitudes.t_s)
-    assert sum("20 attitude row(s)" in text for text in made.assumed) == 3

@@ -107,22 +107,6 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     assert np.abs(found - true).max() < 0.3
 
 
-@pytest.mark.parametrize("kind", ["one axis", "second half", "cells"])
-def test_a_unit_that_is_not_of_the_whole_table_is_named_with_its_place(run_cli, log, tmp_path, kind):
-    gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
-    match kind:
-        case "one axis":
-            spoilt, said = gyro.assign(gz=np.deg2rad(gyro.gz)), "the rates times 57.296 about z alone"
-        case "second half":
-            spoilt = gyro.assign(**{name: gyro[name].where(gyro.t < 20, np.deg2rad(gyro[name])) for name in RATES})
-            said = r"times (1|1\.0\d*|0\.9\d*) before (19\.[3-9]|20\.[0-6])\d* s and times 5[6-8]\.\d* after it"
-        case _:
-            spoilt, said = gyro.assign(gx=gyro.gx.map("{} deg/s".format)), "column gx holds '.* deg/s' in row 0, not numbers"
-    refused = run_cli("import", "csv", *write_tables(tmp_path, spoilt, attitude)(WORDS))
-    assert refused.exit_code == 2
-    assert re.search(said, refused.stderr), refused.stderr
-
-
 def test_smooth_references_are_refused_until_their_sigma_is_stated(run_cli, log, tmp_path):
     rates = np.deg2rad(log.gyro[RATES].to_numpy()) @ log.G.T + log.bias
     bodies = Rotation.from_matrix(mems_log._integrate_attitudes(rates, np.eye(3))[:: mems_log.SAMPLES_PER_ATTITUDE])

@@ -1,6 +1,5 @@
 """Recordings from memory, what they look like, and how a user's own script fares with the library."""
 
-import subprocess
 import sys
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 import gyrocal
 from gyrocal import InputError, Recording
-from tests import ROOT
 from tests.builders import piecewise_recording
 
 RECORDING = piecewise_recording(series_s=100.0)
@@ -60,17 +58,3 @@ def test_labelled_arrays_are_those_of_the_recording_and_of_the_result(monkeypatc
     for thing in (RECORDING, result):
         with pytest.raises(InputError, match=r"pip install 'gyrocal\[xarray\]'"):
             thing.to_xarray()
-
-
-def test_a_csv_recording_is_calibrated_without_matplotlib_and_pyarrow(tmp_path):
-    gyrocal.save(RECORDING, tmp_path)
-    for name in ("gyro", "attitude"):
-        RECORDING.to_frame(name).to_csv(tmp_path / f"{name}.csv", index=False)
-        (tmp_path / f"{name}.parquet").unlink()
-    code = (
-        "import sys; sys.modules.update(matplotlib=None, pyarrow=None)\n"
-        f"import gyrocal; print(gyrocal.calibrate(gyrocal.load({str(tmp_path)!r}), solve_for='bias'))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
-    assert "b_x" in done.stdout

@@ -49,9 +49,3 @@ def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
     monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows - 1)
     monkeypatch.setattr(parquet, "read", lambda *arguments, **options: pytest.fail("it was read"))
     assert f"gyro.parquet: {rows} rows of 4 columns are more than can be read" in refusal(folder)
-
-
-def test_a_header_that_is_none(folder):
-    with (folder / "recording.toml").open("ab") as file:
-        file.truncate(bounds.LARGEST_HEADER + 1)
-    assert "no header of a recording" in refusal(folder)

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -86,25 +85,3 @@ def test_a_recording_that_stopped_halfway_is_none(tmp_path, monkeypatch):
         save(recording(2), tmp_path)
     with pytest.raises(InputError, match=r"recording\.toml: no such file"):
         load(tmp_path)
-
-
-def test_writers_and_readers_at_once_see_one_recording_whole(tmp_path):
-    originals = {f"seed {seed}": recording(seed) for seed in range(6)}
-    save(originals["seed 0"], tmp_path)
-    faults = []
-
-    def write(title):
-        try:
-            save(originals[title], tmp_path)
-            found = load(tmp_path)
-            np.testing.assert_allclose(found.gyro.rates, originals[found.title].gyro.rates, rtol=1e-14)
-        except BaseException as fault:
-            faults.append(fault)
-
-    threads = [threading.Thread(target=write, args=(title,)) for title in originals]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert faults == []
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["attitude.parquet", "gyro.parquet", "recording.toml"]

@@ -16,7 +16,6 @@ from simulator.sensors.earth import (
     compute_roll_pitch,
     filter_s,
     is_sun_intruding,
-    measure,
     observe,
 )
 from simulator.sensors.horizon import AZIMUTHS, Horizon, compute_orbit_position
@@ -163,24 +162,6 @@ def test_wrong_restart_is_a_spike_that_decays():
     np.testing.assert_allclose(held, correct, atol=1e-13)  # a constant offset: nothing went stale
     _, heated, _ = passage("restarted", s_restart=QUIET.offset + QUIET.sun_radiance)
     assert (heated - correct)[back, 3] == pytest.approx(-3 * QUIET.width * np.exp(-0.5 / 60))
-
-
-def test_sun_in_an_undropped_quadrant_shows():
-    """What the prediction is for: with no prediction S is raised and the angle is wrong by 3 w; negative control of `used`."""
-    t = np.zeros(1)
-    A, position = compute_lvlh_attitude(ORBIT, t)[0], compute_orbit_position(ORBIT, t)[0]
-    sun = sun_at(315.0, np.rad2deg(HORIZON.nominal))
-    elsewhere = turned(A[None], np.array([[0.0, 0.0, 0.5]]))[0]
-    results = []
-    for onboard in (A, elsewhere):
-        state, used, angles = np.full(4, np.nan), ALL.copy(), np.empty(4)
-        constants = replace(QUIET, s_filter="off").constants
-        measure(A, onboard, position, sun, np.zeros(8), 1.0, constants, state, used, angles)
-        results.append((used, angles))
-    assert results[0][0].tolist() == [True, True, True, False]
-    assert results[1][0].all()
-    truth = compute_penetrations(A[None], position[None], *HORIZON.semi_axes, HORIZON.nominal)[0]
-    np.testing.assert_allclose(results[1][1] - truth, [0, 0, 0, -3 * QUIET.width], atol=1e-14)
 
 
 def test_intrusion_field_and_eclipse():

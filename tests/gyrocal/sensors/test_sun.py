@@ -155,14 +155,3 @@ def test_jacobians_are_finite_differences(model):
         np.testing.assert_allclose(sun_model.jacobian(A, rows)[:, :, k], difference, atol=3e-8)
         difference = (sun_model.corrected(step).predict(A, rows) - sun_model.corrected(-step).predict(A, rows)) / (2 * h)
         np.testing.assert_allclose(sun_model.partials(A, rows)[:, :, k], difference, atol=3e-8)
-
-
-def test_series_leaves_out_what_is_not_in_view():
-    true, sensor = truth.build_trmm_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
-    A, sun, _ = scene(true, np.random.default_rng(10), 40)
-    sun[::4] *= -1
-    counts, visible = truth.observe(np.random.default_rng(11), true, A, sun)
-    series = sensor.series(np.arange(40.0), counts, sun, visible)
-    np.testing.assert_array_equal(series.used.all(axis=1), visible)
-    white = (series.y - series.model.predict(A, np.arange(40)))[visible] / series.sigma[visible]
-    assert np.abs(white).max() < 5

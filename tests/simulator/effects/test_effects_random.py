@@ -123,15 +123,6 @@ def test_stale_samples_repeat_all_axes_within_an_interval():
     assert not changed[[part.start for part in MOTION.intervals]].any()
 
 
-def test_chain_order():
-    """Spikes are clipped, what is clipped is rounded, and repeats come last."""
-    effects = [parse(text) for text in ("stale_samples=3,fraction=0.1", "rate_quantization=0.07", "rate_saturation:x=0.2")]
-    made = np.rad2deg(simulator.simulate(SCENARIO, seed=1, effects=[*effects, parse("spikes=5,fraction=0.3")]).gyro.rates)
-    np.testing.assert_allclose(made / 0.07, np.round(made / 0.07), atol=1e-9)
-    assert np.abs(made[:, 0]).max() == pytest.approx(0.21)
-    assert np.abs(made[:, 1]).max() > 5
-
-
 TIMES = still(12, 30.0, (0.0, 2000.0))
 AT = ProcessTimes(TIMES.t_s, np.cumsum(TIMES.duration_s) - 0.5 * TIMES.duration_s, np.repeat([0, 1], 12))
 REFERENCES = References(TIMES.t_s, np.tile([0.0, 0, 0, 1], (24, 1)), AT.interval, np.full(24, ""), 5500.0)

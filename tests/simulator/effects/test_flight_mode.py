@@ -53,12 +53,6 @@ def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
     assert headings[t_s == 480.0][0] + headings[t_s == 520.0][0] == pytest.approx(-np.pi, abs=3 * 0.05 * np.sqrt(2))
 
 
-def test_without_an_orbit_or_with_too_much_noise_nothing_is_said():
-    assert set(forward_axes(replace(RECORDING, orbit=None))) == {""}
-    noisy = replace(RECORDING, gyro=replace(RECORDING.gyro, arw=3e-3))
-    assert set(forward_axes(noisy)) == {""}
-
-
 def test_what_is_stated_goes_first():
     stated = [replace(one, forward=forward) for one, forward in zip(RECORDING.intervals, ("-y", "none", "+x"), strict=False)]
     recording = replace(RECORDING, orbit=None, intervals=(*stated, *RECORDING.intervals[3:]))

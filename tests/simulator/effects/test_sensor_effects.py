@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gyrocal.errors import InputError
 from simulator import scenario
 from simulator.effects.sensor import SENSOR_EFFECTS, Sightings, parse
 from simulator.sensors import earth as earth_sensor
@@ -83,15 +82,3 @@ def test_an_effect_leaves_the_noise_as_it_was():
     bias = np.deg2rad(SENSOR_EFFECTS["esa_bias"].amplitudes(parse("esa_bias=0.4")))
     difference = biased.sensors.earth.angles - plain.sensors.earth.angles
     np.testing.assert_allclose(difference, np.tile(bias, (len(difference), 1)), atol=1e-12)
-
-
-def test_the_setting_of_several_angles_holds_those_that_act():
-    """The text has a norm and a direction; what is written as the truth are the angles."""
-    setting = parse("dss_head:2=0.56")
-    angles = [setting.parameters[name] for name in ("e1_deg", "e2_deg", "e3_deg")]
-    assert np.linalg.norm(angles) == pytest.approx(0.56)
-    assert angles[0] / angles[2] == pytest.approx(0.206 / 0.182)
-    turned = parse("dss_head:2=-0.1,e1_deg=3,e2_deg=0,e3_deg=0")
-    assert (turned.size, turned.parameters["e1_deg"]) == pytest.approx((0.1, -0.1))
-    with pytest.raises(InputError, match="all zero"):
-        parse("dss_head:2=0.28,e1_deg=0,e2_deg=0,e3_deg=0")
