@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import c_kernel, references
+from benchmarks import c_kernel, mission_loop, references
 from benchmarks.measure import GOALS, LEFT_OUT, Candidate, interleave
 from benchmarks.streams import disagreement, run_packed
 from gyrocal import Arcs, GyroParameters
@@ -69,3 +69,9 @@ def test_a_quick_run_writes_every_key(tmp_path):
     assert document["cpu_ms_per_case"] > 0
     assert set(document["goals"]) == set(GOALS)
     assert document["reasons"]["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.compiler() is None
+
+
+def test_compiled_and_plain_fly_the_same():
+    document = mission_loop.run(days=0.01, plain_seconds=30.0, rounds=1)
+    assert document["difference_deg"] < mission_loop.AGREEMENT_DEG
+    assert document["plain_vs_compiled"] > 1.0

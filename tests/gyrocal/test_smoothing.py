@@ -1,8 +1,9 @@
-"""Smoothed rates against a motion that is known, and their degrees of freedom against what the noise really does."""
+"""Smoothed rates against a motion that is known, and rests against simulated ones."""
 
 import numpy as np
 import pytest
 
+from gyrocal.rests import compare_rests
 from gyrocal.smoothing import smooth_axis
 
 COUNT = 4000
@@ -47,3 +48,19 @@ def test_a_slew_keeps_its_ramps():
     truth = 1000 * np.clip(np.minimum((at - 2000) / 30, (2260 - at) / 30), 0, 1)
     estimate, _ = smooth_axis(drawn(truth, 0), 1.0, np.inf, 1.0)
     assert np.abs(estimate - truth).max() < 5.0
+
+
+RESTS = [(0, 1000), (3000, 4200), (5000, 6000)]
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3])
+def test_rests_of_one_bias_do_not_differ_and_a_step_of_the_bias_is_said(sigma):
+    rng, t = np.random.default_rng(4), 0.01 * np.arange(6000)
+    said = [compare_rests(t, sigma * rng.normal(size=(6000, 3)) + 0.01, RESTS)[0] for _ in range(200)]
+    assert said == [""] * 200
+    rates = sigma * rng.normal(size=(6000, 3)) - [0.01, 0.02, 0.03]
+    rates[4500:, 1] += sigma
+    text, change = compare_rests(t, rates, RESTS)
+    assert "b_y is" in text
+    assert "at 50 s" in text
+    np.testing.assert_allclose(np.abs(change), [0, sigma, 0], atol=5 * sigma * np.sqrt(2 / 1000))

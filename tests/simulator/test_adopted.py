@@ -66,18 +66,6 @@ def test_amplitudes_are_drawn_from_their_joint_posterior(written):
     np.testing.assert_allclose(adopted_scenario.REGISTRY["bias_orbital"].amplitudes(setting), draws[0])
 
 
-def test_any_scenario_is_one_without_effects_and_may_be_given_some(tmp_path):
-    assert adopted_scenario.load("trmm").effects == ()
-    path = tmp_path / "mine.toml"
-    path.write_text('base = "trmm"\n[[effect]]\nname = "bias_drift"\naxis = "x"\nsize = 0.5\n')
-    loaded = adopted_scenario.load(path)
-    plain = simulate(scenario.load("trmm"), seed=2)
-    np.testing.assert_array_equal(loaded.fly(2, effects=()).gyro.rates, plain.gyro.rates)
-    np.testing.assert_array_equal(
-        loaded.fly(2).gyro.rates, simulate(scenario.load("trmm"), seed=2, effects=[parse("bias_drift:x=0.5")]).gyro.rates
-    )
-
-
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [

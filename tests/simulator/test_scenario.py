@@ -7,6 +7,7 @@ import pytest
 from gyrocal.errors import InputError
 from simulator import adopted_scenario, load, names, override
 from tests import ROOT
+from tests.builders import TRUE_BIAS, TRUE_G
 
 TRMM = load("trmm")
 
@@ -30,12 +31,8 @@ def test_trmm_is_the_papers():
     assert np.sum([(i.stop_s - i.start_s) / TRMM.gyro.sample_s for i in TRMM.interval]) == 47790
     off_diagonal = np.rad2deg(np.array(TRMM.gyro.apriori_G) - np.eye(3))
     np.testing.assert_allclose(off_diagonal, [[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]], atol=1e-12)
-    assert TRMM.gyro.true_G == (
-        (1.000443, -0.001013, 0.000675235),
-        (0.000763599, 1.00053, -0.0021629),
-        (0.000941394, 0.0016831, 1.00088),
-    )
-    assert TRMM.gyro.true_bias_deg_s == (-1.549155e-4, 1.978161e-4, 7.820254e-5)
+    np.testing.assert_array_equal(TRMM.gyro.true_G, TRUE_G)
+    np.testing.assert_allclose(TRMM.gyro.true_bias_deg_s, np.rad2deg(TRUE_BIAS), rtol=1e-14)
     assert TRMM.gyro.apriori_bias_deg_s == (-1.41e-4, 1.58e-4, 0.86e-4)
 
 

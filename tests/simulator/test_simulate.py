@@ -73,18 +73,6 @@ def test_a_cut_sample_has_the_noise_of_its_duration():
     np.testing.assert_allclose((noisy - clean)[cut - 1], draws[cut - 1] * arw / np.sqrt(0.5), rtol=1e-9)
 
 
-def test_point_reading_is_the_rate_at_the_start_of_the_sample():
-    point = simulator.motion(simulator.override(TRMM, {"gyro.reading": "point"}))
-    np.testing.assert_array_equal(point.t_s, MOTION.t_s)
-    np.testing.assert_array_equal(point.quaternions, MOTION.quaternions)
-    middle = 0.5 * (point.rates[1:] + point.rates[:-1])
-    # Within the ramp up, which lasts from 60 to 140 s: there the rate moves by 2e-5 rad/s a sample.
-    slew = slice(MOTION.intervals[1].start + 160, MOTION.intervals[1].start + 240)
-    # The mean over a sample is the trapezium of its end points up to h² ω''/12 = 8e-8 rad/s.
-    np.testing.assert_allclose(middle[slew], MOTION.rates[slew], atol=1e-7)
-    assert np.abs(point.rates[slew] - MOTION.rates[slew]).max() > 5e-6
-
-
 # ---- times and errors of the references --------------------------------------------------------------------------------
 
 LOW_ORBIT = CircularOrbit(350e3, 0.6)

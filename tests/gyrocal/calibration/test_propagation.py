@@ -7,7 +7,7 @@ from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
 from gyrocal import Arcs, StreamingPropagation, propagate, psi_matrix
-from gyrocal.calibration.increment_packing import LANES
+from gyrocal.calibration.increment_packing import LANES, is_unbroken
 from gyrocal.calibration.propagation import PSI_SERIES_LIMIT
 
 RNG = np.random.default_rng(20)
@@ -70,6 +70,22 @@ def test_every_length_fills_the_lanes_rightly(n):
     expected = streamed(raw, dt)
     np.testing.assert_allclose(result.R[0], expected.R, atol=1e-13)
     np.testing.assert_allclose(result.Theta[0], expected.Theta, atol=1e-12)
+
+
+def test_rates_and_durations_of_any_layout_and_kind_are_read():
+    # The packing reads memory by its address.
+    raw, dt = stream(3 * LANES + 5)
+    counts = np.round(1e6 * raw).astype(np.float32)
+    other = arcs_of(np.asfortranarray(counts), np.repeat(dt, 2)[::2], [[len(dt)]])
+    np.testing.assert_array_equal(other.increments, arcs_of(counts.astype(float), dt, [[len(dt)]]).increments)
+
+
+def test_samples_left_out_or_held_twice_break_a_piece():
+    starts, lengths = np.array([0, 4]), np.array([4, 4])
+    # Between pieces a sample may be held again: a reference cuts it in two.
+    assert is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not is_unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
 
 
 def test_theta_is_the_derivative_of_the_attitude():

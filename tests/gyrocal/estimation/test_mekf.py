@@ -1,4 +1,4 @@
-"""The attitude and bias filter against least squares, the truth over many seeds, and its own step-by-step form."""
+"""The attitude and bias filter and the smoother against least squares, the truth over many seeds, and its own step-by-step form."""
 
 import dataclasses
 
@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from gyrocal import GyroParameters, InputError, attitude
+from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter, compute_nees
+from gyrocal.estimation.smoother import smooth
 from gyrocal.sensors.series import SensorSeries
 from tests.builders import TRUTH, mean_bounds, state_errors
 from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
@@ -131,3 +133,19 @@ def test_wrong_use(flight):
     with pytest.raises(InputError, match=r"no gyro samples between 1001.0 s and 1031.0 s"):
         run(started(flight, np.random.default_rng(0)), late, [], 0.0, np.array([2000.0]))
     run(started(flight, np.random.default_rng(0)), late, [], 0.0, np.array([2000.0]), max_gap_s=40.0)
+
+
+def test_smoothed_attitudes_are_the_batch_ones_with_their_joint_covariance():
+    flight, rng, times = fly([(Z, 90.0, 400.0, 500.0)], 1500.0), np.random.default_rng(0), np.array([100.0, 900.0, 1500.0])
+    near, gyro, series = started(flight, rng), flight.gyro(rng), simulate_direction_series(flight, rng)
+    estimator = KalmanFilter(near.A, GyroParameters(TRUTH.G, near.x[9:]), 1e-4 * np.eye(6), FILTER_CASE_ARW)
+    smoothed = smooth(run(estimator, gyro, [series], 0.0, times, keep_history=True))
+    whole = batch([series], gyro, near.A, epoch_s=0.0, times=times)
+    sigma = np.sqrt(np.diag(whole.attitude_covariance))
+    # The batch iterates, the filter linearises once a measurement; its wide prior tells 1e-6 of what the data do.
+    apart = attitude.residual(whole.attitudes, smoothed.A).ravel()
+    np.testing.assert_allclose(apart / sigma, 0.0, atol=2e-2)
+    scale = np.outer(sigma, sigma)
+    np.testing.assert_allclose(smoothed.attitude_covariance / scale, whole.attitude_covariance / scale, atol=2e-2)
+    assert abs(whole.attitude_covariance[0, 3] / scale[0, 3]) > 5e-3
+    np.testing.assert_allclose(smoothed.x[:, 9:], np.tile(whole.bias, (3, 1)), atol=1e-2 * np.sqrt(whole.covariance[3, 3]))

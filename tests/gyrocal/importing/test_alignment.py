@@ -117,18 +117,6 @@ def test_the_fault_that_explains_a_misfit_is_named(data, kind, change):
     assert (found.bias is None) == (kind != "bias")
 
 
-def test_noise_is_no_fault_and_a_misfit_is_located(data):
-    rng = np.random.default_rng(3)
-
-    def shaken(w, t):
-        return w + np.where(((t > 20) & (t < 28))[:, None], rng.normal(size=w.shape) * 5, 0)
-
-    windows = windows_of(data, shaken)
-    assert misfit.explain_misfit(windows) is None
-    start, stop = (float(word) for word in misfit.locate_misfit(windows).split(" s, ")[0].split("between ")[1].split(" and "))
-    assert 19 < start < stop < 29
-
-
 def test_errors_of_the_gyro_are_no_time_offset():
     """References a minute apart in slow turns: unequal scale factors and skew axes passed for 1.06 ± 0.07 s."""
     recording = simulator.simulate(simulator.load("trmm_series"), seed=1)

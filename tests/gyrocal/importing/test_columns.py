@@ -103,13 +103,3 @@ def test_every_entry_with_columns_is_read_by_one_grammar(form):
         key: text.format(**dict(zip(names, names, strict=True))) for key, text in entries.items()
     }
     assert mapping.model_copy(update={"gyros": "#1, 3,b"}).choose_gyros(["a", "-b", "c"]) == [0, 2, 1]
-
-
-def test_a_colon_or_a_comma_in_a_name():
-    frame = pd.DataFrame(np.zeros((2, 4)), columns=["t:s", "gyro:x", "gyro:y", "gyro, z"])
-    mapping = validate_mapping({"time": "t:s:s", "gyro": "gyro:x,gyro:y,#4:rad/s", "quat": "q:body-to-world"}, "mapping")
-    gyro, same, found = resolve_columns(frame, frame, mapping)
-    assert gyro is same
-    assert found.gyro == "gyro x,gyro y,gyro z:rad/s"
-    assert found.time == "t s:s"
-    assert list(gyro.columns) == ["t s", "gyro x", "gyro y", "gyro z"]

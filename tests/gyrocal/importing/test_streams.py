@@ -34,6 +34,9 @@ def test_rates_and_signs():
     found = made(gyro="y,-x,z:deg/s")
     np.testing.assert_allclose(np.rad2deg(found.raw), np.column_stack([gyro()["y"], -gyro()["x"], gyro()["z"]]), rtol=1e-14)
     assert found.sample_s == 0.5
+    np.testing.assert_allclose(made(gyro="y,-x,z:deg/sample").raw, 2 * found.raw, rtol=1e-14)
+    stated = made(a=attitudes().assign(s=0.5), sigma_deg="s").sensors[0].sigma
+    np.testing.assert_allclose(np.rad2deg(stated), 0.5)
     assert found.time_scale == "seconds of the file"
     assert [made(tag=tag).t_s[0] for tag in ("start", "middle", "end")] == [0.0, -0.25, -0.5]
 
@@ -68,6 +71,7 @@ def test_rows_of_several_gyros_and_sensors_in_one_table():
     found = made(g, a, gyro="rate:deg/s", gyro_by="gyro", attitude_by="name")
     np.testing.assert_allclose(found.raw, made().raw)
     assert [one.name for one in found.sensors] == ["A", "B"]
+    assert [one.name for one in made(a=a, attitude_by="name", sensor="B").sensors] == ["B"]
     assert found.sensors[1].t_s[0] == 0.01
 
 

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -126,3 +127,29 @@ def test_references_far_apart_give_the_bias_that_those_near_each_other_give(run_
     done = run_cli("import", "csv", *build_words(WORDS | {"--sigma": str(mems_log.REFERENCE_SIGMA_DEG)}))
     assert done.exit_code == 0, done.stderr
     assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
+
+
+def turn_steadily(K, rate_deg_s, sigma_deg):
+    """Tables of a body at a constant rate: gyros along the rows of K, and attitudes."""
+    rng, t = np.random.default_rng(4), np.arange(0, 60, 0.25)
+    errors = np.deg2rad(sigma_deg) * rng.normal(size=(t.size, 3))
+    body = Rotation.from_rotvec(np.deg2rad(t[:, None] * rate_deg_s)) * Rotation.from_rotvec(errors)
+    rates = rate_deg_s @ K.T + 1e-5 * rng.normal(size=(t.size, 3))
+    quaternions = dict(zip(("qx", "qy", "qz", "qw"), body.as_quat().T, strict=True))
+    return pd.DataFrame({"t": t} | dict(zip(RATES, rates.T, strict=True))), pd.DataFrame({"t": t} | quaternions)
+
+
+def test_skew_gyros_at_a_constant_rate_are_said_by_import_and_calibration(run_cli, tmp_path):
+    rate = np.array([0.06, -0.02, 0.01])
+    words = ("import", "csv", *write_tables(tmp_path, *turn_steadily(SKEW, rate, 0.0005))(WORDS), "--force")
+    taken = run_cli(*words)
+    assert taken.exit_code == 0, taken.output
+    said = re.search(r"implausible: (the mean rate is .*)", taken.output).group(1)
+    by_gyro, by_attitudes = (float(one) for one in re.findall(r"([\d.]+) (?:± [\d.e-]+ )?deg/s by the", said))
+    assert by_gyro == pytest.approx(np.linalg.norm(SKEW @ rate), rel=1e-3)
+    assert by_attitudes == pytest.approx(np.linalg.norm(rate), rel=0.02)
+    assert said in run_cli("calibrate", str(tmp_path / "out")).output
+    mended = run_cli(*words, "--axes", ";".join(",".join(map(str, row)) for row in SKEW))
+    assert mended.exit_code == 0, mended.output
+    assert "implausible" not in mended.output
+    assert np.abs(np.rad2deg(gyrocal.load(tmp_path / "out").gyro.apriori_bias)).max() < 1e-3

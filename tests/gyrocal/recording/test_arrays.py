@@ -44,6 +44,17 @@ def test_what_does_not_fit_is_said(call, words):
         call()
 
 
+def test_drawings_are_axes_that_show_the_numbers():
+    import matplotlib.pyplot as plt
+
+    result = gyrocal.calibrate(RECORDING)
+    drawn = result.plot_residuals().lines[0].get_xydata()
+    np.testing.assert_array_equal(drawn, result.residuals[["t_s", "after_roll_deg"]])
+    in_sigma = result.plot_parameters().lines[0].get_xdata()
+    np.testing.assert_allclose(in_sigma[9:], (result.bias - RECORDING.gyro.apriori_bias) / result.sigma[9:], rtol=1e-9)
+    plt.close("all")
+
+
 def test_labelled_arrays_are_those_of_the_recording_and_of_the_result(monkeypatch):
     pytest.importorskip("xarray")
     data = RECORDING.to_xarray()

@@ -9,10 +9,8 @@ import scipy.stats
 import simulator
 from gyrocal import calibrate, load, save
 from gyrocal.smoothing import estimate_sample_sigma
-from simulator.effects import EFFECTS
 from simulator.replay import reconstruct_motion, replay
 from simulator.truth.rotation import separation
-from tests import ROOT
 
 SERIES = simulator.load("trmm_series")
 MOTION = simulator.motion(SERIES)
@@ -89,11 +87,3 @@ def test_replay_on_the_command_line(run_cli, tmp_path):
     bad = run_cli("simulate", "trmm", str(tmp_path / "bad"), "--effect", "bias_step:z=1,time_s=1e9")
     assert (bad.exit_code, len(bad.stderr.strip().splitlines())) == (2, 1)
     assert not (tmp_path / "bad").exists()
-
-
-def test_every_effect_is_in_the_documentation():
-    text = (ROOT / "docs" / "scenario.md").read_text()
-    for name, effect in EFFECTS.items():
-        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-        assert f"| {effect.unit} |" in row
-        assert all(f"`{parameter.name}`" in row for parameter in effect.parameters)

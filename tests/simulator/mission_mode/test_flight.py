@@ -139,6 +139,14 @@ def test_yaw_maneuver_before_and_after_calibration():
     assert (after.updates["sun_angle_deg"][after.updates["forward"] == "+x"] < 0).all()
 
 
+def test_uploads_take_effect_on_their_day():
+    upload = (6 * ORBIT_S, PERIODS["postcalibration"])
+    run = simulate_mission(config("precalibration", uploads=(upload,)), seconds=14 * ORBIT_S, seed=5)
+    sizes, before = run.updates["update_deg"].abs(), run.updates["t_s"] < upload[0]
+    assert sizes[before][SETTLED:].mean() > 0.12
+    assert sizes[~before][3:].mean() < 0.06
+
+
 def test_unloading_bounds_the_wheels():
     """With the torquers the momentum stays; without (negative control) air and residual moment fill the wheels."""
     with_it = simulate_mission(config(), days=1.5, seed=6).orbits["momentum_nms"].to_numpy()

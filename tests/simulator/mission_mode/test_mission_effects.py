@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from simulator.mission_mode.config import Controller, MissionConfig, build_period_tables
+from simulator.mission_mode.config import MissionConfig, build_period_tables
 from simulator.mission_mode.effects import ALL_MISSION_EFFECTS, apply_mission_settings, parse
 from simulator.mission_mode.flight import simulate_mission
 
@@ -23,21 +23,6 @@ def flown(*effects, seconds=6000.0, every=1, base=NOMINAL):
 @pytest.fixture(scope="module")
 def nominal():
     return flown()
-
-
-def test_horizon_noise_has_its_size_and_time_constant(nominal):
-    """Angles with less those without are the process and the body's answer to it, a small part in one time constant."""
-    size, tau = 0.5, 60.0
-    angles = nominal.telemetry.filter(like="angle_").columns
-    loose = replace(NOMINAL, controller=replace(Controller(), bandwidth=np.full(3, 1e-3)))
-    with_it, without = (flown(*own, base=loose) for own in ((f"horizon_noise={size},tau_s={tau:g}",), ()))
-    error = (with_it.telemetry[angles] - without.telemetry[angles]).to_numpy()
-    # What four quadrants have in common, and the alternate one, turn no body.
-    for pattern in ((1.0, 1.0, 1.0, 1.0), (1.0, -1.0, 1.0, -1.0)):
-        common = error @ np.array(pattern) / 2.0
-        assert common.std() == pytest.approx(size, rel=0.25)
-        lag = round(tau / 0.5)
-        assert np.corrcoef(common[lag:], common[:-lag])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.2)
 
 
 def test_updates_settle_at_the_difference_over_one_less_half_the_gain():

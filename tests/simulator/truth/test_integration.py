@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 
 import simulator
 from simulator.scenario import build_profiles
@@ -75,22 +75,3 @@ def test_convergence_is_of_sixth_order():
     ends = [integrate(wobble, np.linspace(0, 20, n + 1), start).quaternions[-1] for n in (40, 80, 2560)]
     coarse, fine = (np.linalg.norm(separation(q, ends[2])) for q in ends[:2])
     assert 48 < coarse / fine < 84
-
-
-def test_mean_rate_is_the_integral_of_the_rate():
-    """Against adaptive quadrature, over samples that span knots of the slew and of the hold."""
-    motion = simulator.motion(BUSY)
-    for number, profile in enumerate(build_profiles(BUSY)):
-        for knot in profile.knots:
-            k = motion.intervals[number].start + int(knot // 0.5)
-            begin = 0.5 * int(knot // 0.5)
-            for axis in range(3):
-                integral, _ = quad(
-                    lambda tau, p=profile, a=axis: p.rate(np.array([tau]))[0, a],
-                    begin,
-                    begin + 0.5,
-                    points=[knot],
-                    epsabs=1e-16,
-                    epsrel=1e-12,
-                )
-                assert motion.rates[k, axis] == pytest.approx(integral / 0.5, rel=1e-12, abs=1e-16)

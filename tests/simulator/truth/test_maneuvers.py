@@ -94,12 +94,3 @@ def test_inertial_hold(hold):
     gap = separation(path.quaternions[tracking], convert_to_quaternion(profile.attitude(tau[tracking])))
     assert np.abs(gap).max() < 1e-11
     assert (tau[tracking] > hold.stop).any()
-
-
-@pytest.mark.parametrize("missed_deg", [100.0, 150.0, 210.0, 325.0, 510.0])
-def test_hold_returns_the_short_way(missed_deg):
-    """The orbit's angle during the hold, less the fades, is made up for by at most half a turn."""
-    stop = 150.0 + 300.0 + np.deg2rad(missed_deg) / RPO
-    profile = Profile(ORBIT, 0.0, stop, MODE_YAW["-x"], hold=Hold(150.0, stop, 300.0, np.zeros(3)))
-    short = (missed_deg + 180.0) % 360.0 - 180.0
-    np.testing.assert_allclose(np.rad2deg(profile.return_rotation), [0.0, short, 0.0], atol=1e-9)
