@@ -1,8 +1,6 @@
 """The effects of docs/extending.md: each is loaded from a file, simulated, and does what its text says."""
 
-import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +8,8 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.settings import DEFAULT
-from simulator.effects import REGISTRY, STAGES, ProcessTimes, parse
+from simulator.effects import REGISTRY, STAGES, parse
 from simulator.effects.sensor import SensorEffect
-from simulator.simulate import build_surroundings
 from tests import ROOT
 
 TEXT = (ROOT / "docs" / "extending.md").read_text()
@@ -54,20 +51,6 @@ def test_an_example_changes_what_its_kind_changes(example):
     assert np.array_equal(changed.attitudes.quaternions, plain.attitudes.quaternions) != name.startswith("reference_")
     if name.startswith("dss_"):
         assert (changed.sensors.sun.counts != plain.sensors.sun.counts).any()
-
-
-@pytest.mark.parametrize("example", ["bias_swing"], indirect=True)
-def test_the_swing_has_its_covariance(example):
-    path = simulator.motion(SCENARIO)
-    stream = build_surroundings(simulator.simulate(SCENARIO, noise=False), path).stream
-    few = slice(0, 3000, 250)
-    short = replace(
-        stream, t_s=stream.t_s[few], duration_s=stream.duration_s[few], raw=stream.raw[few], rates=stream.rates[few]
-    )
-    made, rng = parse(ASKED["bias_swing"]), np.random.default_rng(2)
-    draws = np.array([example.wander(rng, short, made)[:, 0] for _ in range(3000)])
-    expected = 9 * example.covariance(ProcessTimes(short.t_s, short.t_s, np.zeros(12, dtype=int)), made.parameters)
-    np.testing.assert_allclose(draws.T @ draws / 3000, expected, atol=6 * math.sqrt(2 / 3000) * expected[0, 0])
 
 
 SEEN = {

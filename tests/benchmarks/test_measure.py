@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import c_kernel, mission_loop, references
-from benchmarks.measure import GOALS, LEFT_OUT, Candidate, interleave
+from benchmarks.measure import GOALS, LEFT_OUT
 from benchmarks.streams import disagreement, run_packed
 from gyrocal import Arcs, GyroParameters
 from tests import ROOT
@@ -42,17 +42,6 @@ def test_textbook_loop_and_scipy_agree_with_the_kernel(arcs):
     np.testing.assert_allclose(R, expected.R, rtol=0, atol=1e-12)
     np.testing.assert_allclose(Theta, expected.Theta, rtol=0, atol=1e-12 * np.abs(expected.Theta).max())
     np.testing.assert_allclose(references.scipy_rotation(arcs, PARAMETERS), expected.R, rtol=0, atol=1e-12)
-
-
-def test_candidates_take_turns():
-    turns = []
-    ms = interleave(
-        {name: Candidate(lambda name=name: turns.append(name), rounds) for name, rounds in {"a": 6, "b": 1, "c": 3}.items()}
-    )
-    # Two calls a turn, the first to warm the caches; the one that has a single round is called once.
-    assert "".join(turns) == "aaaaccaaaaccaaaabcc"
-    assert set(ms) == {"a", "b", "c"}
-    assert all(0 <= value < 1e3 for value in ms.values())
 
 
 @pytest.mark.long

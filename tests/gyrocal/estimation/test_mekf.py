@@ -1,4 +1,4 @@
-"""The attitude and bias filter and the smoother against least squares, the truth over many seeds, and its own step-by-step form."""
+"""The attitude and bias filter and the smoother against least squares, the truth over many seeds, and a form by steps."""
 
 import dataclasses
 

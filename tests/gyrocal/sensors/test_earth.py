@@ -62,9 +62,6 @@ def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, n
     return t, angles, used
 
 
-# --- expected angles ---
-
-
 def test_both_packages_see_the_same_horizon():
     A, position = attitudes(50, 0.1)
     model = EarthModel(EarthSensor(np.zeros(4)), position)
@@ -85,18 +82,12 @@ def test_jacobian_is_the_finite_difference():
         np.testing.assert_allclose(jacobian[..., axis], difference, rtol=0, atol=1e-10)
 
 
-# --- biases ---
-
-
 def test_trmm_biases_as_misalignment():
     printed = dict(zip(("NE", "SE", "SW", "NW"), TRMM_BIASES, strict=True))
     biases = np.array([printed[name] for name in ("SE", "SW", "NW", "NE")])
     modes = np.rad2deg(MODES @ biases)
     np.testing.assert_allclose(modes[:3], [0.0578, -0.0130, -0.0648], atol=1e-4)
     np.testing.assert_allclose(np.deg2rad(modes[:2]), compute_roll_pitch(biases, ALL), atol=1e-16)
-
-
-# --- roll and pitch on board ---
 
 
 def test_three_quadrants_are_least_squares_with_a_height():
@@ -120,9 +111,6 @@ def test_roll_and_pitch_of_a_turned_body():
     four = np.array([compute_roll_pitch(one, ALL) for one in y])
     # Slopes differ from a sphere's by under 1 %, and 2 (0.4 deg)^2 is 0.006 deg.
     np.testing.assert_allclose(np.rad2deg(four), np.rad2deg(tilt[:, :2]), atol=0.01)
-
-
-# --- detectors, S and its filter ---
 
 
 @pytest.mark.parametrize("s_filter", ["off", "correct", "held", "restarted"])

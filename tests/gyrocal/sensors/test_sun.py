@@ -36,9 +36,6 @@ def kernel_tangents(s, head):
     return np.array([truth.compute_head_tangents(*row, head) for row in s])
 
 
-# The truth
-
-
 def test_head_geometry_is_the_euler_sequence():
     """scipy's intrinsic YZX sequence is active, from head to sensor; its transpose changes components."""
     rng = np.random.default_rng(1)
@@ -85,9 +82,6 @@ def test_alignments_are_those_described_and_the_sun_crosses_at_one_alpha(tilt, e
         assert (np.diff(angles[:, 1]) > 0).all()  # β grows toward −Y
 
 
-# Truth to counts to angles to vector
-
-
 @pytest.mark.parametrize("which", [0, 1])
 def test_counts_close_within_noise_and_quantisation(which):
     """Angle errors have the variance of the noise plus a count squared over twelve, the count's size depending on the angle."""
@@ -123,9 +117,6 @@ def test_turned_heads_show_the_errors_of_their_angles(which, largest_deg):
     a, b = tangents.T
     expected = (e3 * (1 + b**2) - e2 * a - e1 * a * b) / (1 + b**2)
     np.testing.assert_allclose(error[:, 1], expected, atol=count)
-
-
-# The estimator's model
 
 
 @pytest.fixture
