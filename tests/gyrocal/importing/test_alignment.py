@@ -82,6 +82,18 @@ def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data):
     assert np.abs(error).max() < 0.01
 
 
+def test_temperatures_keep_the_times_of_their_rows(data):
+    """Of a clock that runs fast and counts from the start of the device."""
+    off, degrees = with_clock(data, 1.02, 1.7), np.arange(len(data.gyro)) / 100.0
+    warm = {"warm": np.where(degrees % 0.03 < 0.015, degrees, np.nan)}
+    gyro = off.gyro.assign(timestamp_ms=off.gyro["timestamp_ms"] - mems_log.UNIX_MS + 4.2e6, **warm)
+    recording = build(*read(replace(off, gyro=gyro), align="auto", temperature="warm")).recording
+    found = recording.tables["housekeeping"]
+    assert len(found) < 0.7 * len(degrees)
+    t_s = np.interp(found["gyro_temperature_c"], degrees, recording.gyro.t_s)
+    np.testing.assert_allclose(found["t_s"], t_s, atol=2e-9)
+
+
 @pytest.mark.parametrize(
     ("stated", "words"), [("deg:XYZ", "the Euler angles as ZYX, not XYZ"), ("rad:ZYX", "the Euler angles in deg, not rad")]
 )

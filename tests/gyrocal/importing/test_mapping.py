@@ -74,6 +74,17 @@ def test_what_an_attitude_lacks_is_said(kind, text, values, words):
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
 
 
+def test_mountings_are_stated_of_sensors_that_are_told_apart():
+    half = np.sqrt(0.5)  # the sensor is turned by +90 deg about z
+    entries = {"mountings": {"b": [0, 0, half, half]}, "mounting_sigma_deg": {"b": [0.1] * 3}}
+    (A, sigma), *_ = column_mapping.validate_mapping(BASE | entries | {"attitude_by": "s"}, "x").build_mountings().values()
+    np.testing.assert_allclose(A @ [1, 0, 0], [0, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(sigma, np.deg2rad(0.1))
+    for wrong, words in ((entries, "goes with attitude_by"), ({"mounting_sigma_deg": {"b": [0.1] * 3}}, "no mounting of b")):
+        with pytest.raises(InputError, match=words):
+            column_mapping.validate_mapping(BASE | wrong, "x").build_mountings()
+
+
 def test_directions_of_gyros():
     tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").directions(4)
     axes = np.array(column_mapping.TETRAHEDRON)

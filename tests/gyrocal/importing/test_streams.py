@@ -35,8 +35,9 @@ def test_rates_and_signs():
     np.testing.assert_allclose(np.rad2deg(found.raw), np.column_stack([gyro()["y"], -gyro()["x"], gyro()["z"]]), rtol=1e-14)
     assert found.sample_s == 0.5
     np.testing.assert_allclose(made(gyro="y,-x,z:deg/sample").raw, 2 * found.raw, rtol=1e-14)
-    stated = made(a=attitudes().assign(s=0.5), sigma_deg="s").sensors[0].sigma
-    np.testing.assert_allclose(np.rad2deg(stated), 0.5)
+    fixed_point = made(a=attitudes().assign(w=9830, a=-13107, s=0.5), sigma_deg="s").sensors[0]  # 0.6 and −0.8 times 2^14
+    np.testing.assert_allclose(fixed_point.q[0], [-0.8, 0, 0, 0.6], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(fixed_point.sigma), 0.5)
     assert found.time_scale == "seconds of the file"
     assert [made(tag=tag).t_s[0] for tag in ("start", "middle", "end")] == [0.0, -0.25, -0.5]
 

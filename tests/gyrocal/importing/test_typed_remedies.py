@@ -37,6 +37,10 @@ def stretch_gyro_clock(gyro, attitude, factor):
     return gyro.assign(t=factor * gyro.t), attitude
 
 
+def lose_digits(gyro, attitude, step_s):
+    return gyro.assign(t=step_s * np.floor(gyro.t / step_s + 1e-9)), attitude
+
+
 def accumulate(gyro, attitude, wrap):
     angle = np.cumsum(0.01 * gyro[RATES].to_numpy(), axis=0) - 0.01 * gyro[RATES].to_numpy()
     return gyro.assign(**dict(zip(RATES, (angle % wrap).T, strict=True))), attitude
@@ -72,6 +76,7 @@ CASES = {
     "late": (shift_attitudes, 3.7, {}, r"(--align auto)", take_options),
     "dated": (shift_attitudes, 1.7e9, {}, r"(--attitude-offset \S+);", take_options),
     "clock": (stretch_gyro_clock, 1.02, {}, r"time tags times (\S+) \((--time-factor)\)", take_factor),
+    "tags alike": (lose_digits, 1e3, {}, r"(--rate) HZ", lambda match: {match[1]: "100"}),
     "wrap": (accumulate, 77.0, {"--gyro": "gx,gy,gz:deg"}, r"jumps by \S+; .* (--wrap \S+)", take_options),
 }  # fmt: skip
 

@@ -13,6 +13,7 @@ import simulator
 from diagnosis.diagnose import list_clipped_gyros
 from diagnosis.settings import DEFAULT
 from gyrocal.masking import DataMask, MaskedStretch, find_mask
+from gyrocal.masking.gyro_faults import is_reached
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, parse
 from simulator.truth.rotation import apply_rotation_errors
@@ -117,6 +118,12 @@ def test_a_clean_recording_has_an_empty_mask():
     clean = [made(name, seed=seed) for name in SCENARIOS for seed in range(4)]
     clean += [swing(still=seed % 2 == 1, noise_deg=10.0 ** -(seed % 3 + 1), seed=seed) for seed in range(6)]
     assert not any(find_mask(one) for one in clean)
+
+
+@pytest.mark.parametrize(("level", "reached"), [(60.0, True), (90.0, False)])
+def test_a_gyro_that_jumps_to_its_largest_reading_is_not_clipped(level, reached):
+    x = 100 * np.sin(np.arange(5000) / 37.0) + np.random.default_rng(3).standard_normal(5000)
+    assert is_reached(np.where(x > 60.0, level, x), x > 60.0, 1.0) == reached
 
 
 def test_a_late_frame_and_a_jump_of_the_gyro_are_no_jumps_of_the_references():

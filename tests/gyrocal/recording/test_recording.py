@@ -82,6 +82,8 @@ BAD_INPUT = {
     "time backwards": (edit_table("gyro", set_value(9, "t_s", 1.0)), "backwards or repeats at row 9"),
     "wrong sample_s": (edit_header("sample_s = 0.5", "sample_s = 0.6"), "is sample_s right"),
     "too close samples": (edit_table("gyro", set_value(5, "t_s", 2.1)), "rows 4 and 5 are only"),
+    "huge rate": (edit_table("gyro", set_value(5, "rate_x_deg_s", 1e100)), "beyond 100000 deg/s"),
+    "interval backwards": (edit_header("stop_s = 60.0", "stop_s = -1.0"), "not after start_s"),
     "two tables": (lambda folder: (folder / "gyro.csv").write_text("t_s\n"), "both gyro.parquet and gyro.csv are there"),
     "overlapping intervals": (edit_header("start_s = 360.0", "start_s = 50.0"), "m1 and m2 overlap"),
     "reference outside every interval": (

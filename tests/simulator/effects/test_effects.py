@@ -108,6 +108,16 @@ def test_columns_are_the_simulators_derivative(name, axis, parameters):
         np.testing.assert_allclose(difference / size, columns[..., k], rtol=0, atol=tolerance * scale)
 
 
+def test_an_effect_that_cannot_act_is_refused():
+    for text, words in (
+        ("vibration:z=1,apparent_hz=1.5", "half the sampling rate"),
+        ("stale_samples=1,fraction=0.9", "longer runs"),
+        ("bias_temperature:z=1,column=battery_v", "no housekeeping column battery_v; there is gyro_temperature_c"),
+    ):
+        with pytest.raises(InputError, match=re.escape(words)):
+            simulator.simulate(SCENARIO, effects=[parse(text)])
+
+
 def shown(*texts):
     made = simulator.simulate(SCENARIO, noise=False, effects=[parse(text) for text in texts])
     return made.gyro.rates - PLAIN.gyro.rates
@@ -192,6 +202,10 @@ def test_text_form():
     [
         ("bias_drft:z=1", "did you mean bias_drift"),
         ("bias_drift=1", "which axis"),
+        ("bias_drift:z", "give its size in deg/h per day"),
+        ("bias_drift:z=much", "much is not a number"),
+        ("time_offset:x=1", "has no axis"),
+        ("spikes:x=1,fractoin=0.1", "no parameter fractoin; it has fraction"),
         ("bias_drift:z=nan", "not a finite number"),
         ("rate_lag=-1", "not within 0"),
         ("bias_step:z=1", "time_s is missing"),
