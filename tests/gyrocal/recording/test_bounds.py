@@ -1,7 +1,6 @@
 """What is refused before it is read: pipes, devices, and tables that claim more than a recording can be."""
 
 import os
-import shutil
 
 import pandas as pd
 import pytest
@@ -13,18 +12,12 @@ from tests.builders import piecewise_recording
 FILES = ("recording.toml", "gyro.parquet", "attitude.parquet", "housekeeping.parquet")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bounds") / "whole"
-    recording = piecewise_recording(series_s=100.0)
-    save(recording, folder)
-    pd.DataFrame({"t_s": recording.gyro.t_s, "gyro_temperature_c": 20.0}).to_parquet(folder / "housekeeping.parquet")
-    return folder
-
-
 @pytest.fixture
-def folder(whole, tmp_path):
-    return shutil.copytree(whole, tmp_path / "recording")
+def folder(tmp_path):
+    recording = piecewise_recording(series_s=100.0)
+    save(recording, tmp_path)
+    pd.DataFrame({"t_s": recording.gyro.t_s, "gyro_temperature_c": 20.0}).to_parquet(tmp_path / "housekeeping.parquet")
+    return tmp_path
 
 
 def refusal(folder):
