@@ -72,6 +72,14 @@ def test_mounting_is_estimated_within_its_sigma(late_s, sample_s):
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
+def test_prior_of_a_mounting_is_weighed_with_the_rows():
+    one, two = make_sensors(3)
+    turned = attitude.rotation_matrix(np.deg2rad([0.1, 0.0, 0.0])) @ MOUNTING
+    for prior, expected in ((1e-12, turned), (1.0, MOUNTING)):
+        found = join_references((one, replace(two, mounting=turned, mounting_sigma=np.full(3, prior)))).sensors[1].mounting
+        assert np.linalg.norm(attitude.residual(found, expected)) < 5 * ARCSEC
+
+
 def test_what_cannot_be_joined_is_refused():
     one, two = make_sensors(4)
     with pytest.raises(InputError, match=r"st2 has 0 time.* in common .* --sensor NAME"):

@@ -181,14 +181,6 @@ def test_stream_of_a_recording_is_near_the_truth():
     assert (stream.rates - STREAM.rates).std() < 0.45 * sigma
 
 
-def test_no_effects_are_the_baseline_to_the_bit():
-    plain, empty = simulator.simulate(SCENARIO, seed=4), simulator.simulate(SCENARIO, seed=4, effects=[])
-    idle = simulator.simulate(SCENARIO, seed=4, effects=[parse("noise_excess=1"), parse("reference_noise_excess=1")])
-    for other in (empty, idle):
-        np.testing.assert_array_equal(other.gyro.rates, plain.gyro.rates)
-        np.testing.assert_array_equal(other.attitudes.quaternions, plain.attitudes.quaternions)
-
-
 def test_text_form():
     made = parse("g_matrix_step:z=1300,toward=y,time_s=15000")
     assert (made.effect, made.axis, made.size) == ("g_matrix_step", "z", 1300.0)

@@ -122,3 +122,8 @@ def test_unloading_works_across_the_field():
         along = B / np.linalg.norm(B)
         assert torque == pytest.approx(-1e-3 * (h - along * (along @ h)), abs=1e-15)
         assert torque @ h < 0
+
+
+def test_moment_limit_keeps_the_direction():
+    free, short = (np.array(compute_unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, top)) for top in (1e9, 50.0))
+    assert short == pytest.approx(free * 50.0 / np.abs(free).max())
