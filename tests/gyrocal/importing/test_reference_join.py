@@ -78,6 +78,12 @@ def test_prior_of_a_mounting_is_weighed_with_the_rows():
     for prior, expected in ((1e-12, turned), (1.0, MOUNTING)):
         found = join_references((one, replace(two, mounting=turned, mounting_sigma=np.full(3, prior)))).sensors[1].mounting
         assert np.linalg.norm(attitude.residual(found, expected)) < 5 * ARCSEC
+    loose, equal = (
+        join_references((one, replace(two, mounting=turned, mounting_sigma=sigma))).sensors[1]
+        for sigma in (np.full(3, 1.0), join_references((one, two)).sensors[1].mounting_sigma)
+    )
+    off = attitude.residual(equal.mounting, turned) / attitude.residual(loose.mounting, turned)
+    assert off[0] == pytest.approx(0.5, abs=0.1)  # half-way, as far as the errors about the axes do not go together
 
 
 def test_what_cannot_be_joined_is_refused():
