@@ -79,6 +79,13 @@ LOW_ORBIT = CircularOrbit(350e3, 0.6)
 Z = np.array([0.0, 0.0, 1.0])
 
 
+def test_point_reading_is_the_rate_at_the_start_of_the_sample():
+    rates = simulator.motion(simulator.override(TRMM, {"gyro.reading": "point"})).rates
+    # Within the ramp up of a slew the mean over a sample is the trapezium of its end points up to h² ω''/12 = 8e-8 rad/s.
+    slew = slice(MOTION.intervals[1].start + 160, MOTION.intervals[1].start + 240)
+    np.testing.assert_allclose(0.5 * (rates[1:] + rates[:-1])[slew], MOTION.rates[slew], atol=1e-7)
+
+
 def test_series_leaves_out_slews_and_transitions():
     profile = Profile(LOW_ORBIT, 0.0, 1030.0, 0.0, (Slew(Z, 1.0, 100.0, 150.0),), Hold(400.0, 900.0, 100.0, np.zeros(3)))
     expected = [0, 50, 100, 250, 300, 350, 400, 500, 550, 600, 650, 700, 750, 800, 900, 950, 1000, 1030]

@@ -115,6 +115,16 @@ def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     assert dof == {3 * len(recording.intervals) - 12}
 
 
+def test_references_come_in_the_order_of_time_and_once():
+    motion, rng = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3)), generator(52, 0, "two")
+    late, early = (references(motion, motion.gyro(), *span, rng) for span in ((600, 1200, (1200, 700)), (0, 500, (0,))))
+    found = reference_attitudes([late, early])
+    np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
+    np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], *late.attitude_sigma[::-1]])
+    with pytest.raises(InputError, match="of one time, 0 s"):
+        reference_attitudes([early, early])
+
+
 def test_a_covariance_of_all_residuals_is_checked():
     recording, batches = draw_chain(generator(53, 0, "chain"))
     V = residual_covariance(batches, recording.intervals, CHAIN_ARW)

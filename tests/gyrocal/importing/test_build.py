@@ -47,6 +47,15 @@ def test_a_wrong_mapping_is_named_as_the_only_one_that_fits(data):
     assert message.endswith(f" % with {wanted}")
 
 
+def test_a_gap_ends_an_interval(data):
+    mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
+    holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
+    first, second = build(read_streams(holed, data.attitude, mapping), mapping).recording.intervals
+    assert (
+        first.stop_s <= holed["timestamp_ms"][4999] / 1e3 + 0.02 - int(data.gyro["timestamp_ms"][0] // 1000) <= second.start_s
+    )
+
+
 def test_tables_of_different_times_say_which_unit_would_do(data):
     later = data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] + 10**7)
     assert "is one of the time tags offset?" in find_refusal(replace(data, attitude=later), {})

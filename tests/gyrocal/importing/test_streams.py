@@ -118,7 +118,6 @@ def test_rates_that_overflow_are_undone(lsb, digits, amplitude):
     read = np.round((true + 2000) % 4000 - 2000, 12)
     table = pd.DataFrame(np.round(read, digits), columns=["x", "y", "z"]).assign(t=np.arange(len(true)) / 100)
     found = made(table)
-    assert np.abs(read - true).max() > 3000
     np.testing.assert_allclose(np.rad2deg(found.raw), true, atol=2e-3 if lsb else 0.1)
     assert sum("readings of gyro 1 jump" in text for text in found.assumed) == 1
     assert any("full range of" in text and "(by the jumps)" in text for text in found.assumed) == (lsb is None)

@@ -67,7 +67,6 @@ def test_both_packages_see_the_same_horizon():
     model = EarthModel(EarthSensor(np.zeros(4)), position)
     truth = compute_penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(model.predict(A, np.arange(50)), truth, rtol=0, atol=1e-12)
-    assert np.abs(truth).max() > 0.05
 
 
 def test_jacobian_is_the_finite_difference():

@@ -16,16 +16,12 @@ from simulator.mission_mode.config import (
     OnBoardTables,
     TrueGyro,
     YawManeuver,
-    apply_compensation,
     build_period_tables,
-    fit_crossing_compensation,
 )
 from simulator.mission_mode.flight import ROTATION_NAMES, build_flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M, build_mounted_sensors
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import (
-    SIMULATED_BETA_COEFFICIENTS,
-    build_trmm_alignments,
     build_trmm_sensors,
 )
 from simulator.truth.orbit import compute_lvlh_rate
@@ -192,7 +188,3 @@ def test_flight_schedule():
     assert (first[1].G == PRELAUNCH_G).all()
     assert (second[1].G == R9_G).all()
     assert (second[1].misalignments == first[1].misalignments).all()
-    factors = fit_crossing_compensation(
-        build_mounted_sensors()[1], first[1].misalignments[1], build_trmm_alignments(*BORESIGHTS)[1]
-    )
-    assert second[1].coefficients_beta[1] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, *factors), rel=1e-12)
