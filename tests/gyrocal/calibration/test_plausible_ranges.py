@@ -66,10 +66,11 @@ def test_polar_decomposition_and_its_jacobians():
     skewed = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
     for G in (turn @ skewed, -turn @ skewed):
         R, _ = polar(G)
-        change = 1e-6 * rng.normal(size=(200, 3, 3))
+        size = 1e-6 * rng.uniform(0.2, 2.0, (3, 3))
+        change = size * rng.normal(size=(200, 3, 3))
         moved = [polar(G + one) for one in change]
         rotations = np.array([Rotation.from_matrix(other @ R.T).as_rotvec() for other, _ in moved])
-        found = compute_mounting(G, 1e-12 * np.eye(9), G, 0.01)
+        found = compute_mounting(G, np.diag(size.ravel() ** 2), G, 0.01)
         np.testing.assert_allclose(found.sigma_rotation, rotations.std(axis=0), rtol=0.2)
         np.testing.assert_allclose(found.sigma_S, np.std([other for _, other in moved], axis=0), rtol=0.25)
         assert found.is_mirrored == (np.linalg.det(G) < 0)
