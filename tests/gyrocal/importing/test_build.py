@@ -51,9 +51,7 @@ def test_a_gap_ends_an_interval(data):
     mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
     holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
     first, second = build(read_streams(holed, data.attitude, mapping), mapping).recording.intervals
-    assert (
-        first.stop_s <= holed["timestamp_ms"][4999] / 1e3 + 0.02 - int(data.gyro["timestamp_ms"][0] // 1000) <= second.start_s
-    )
+    assert second.start_s - first.stop_s > 0.9
 
 
 def test_tables_of_different_times_say_which_unit_would_do(data):
