@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.special
-from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.null import compute_null_p
@@ -22,11 +21,6 @@ from tests.diagnosis import recordings
 
 PRACTICE = SHARED / "practice"
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
-
-
-@pytest.fixture(scope="module")
-def plan():
-    return recordings.plan()
 
 
 OF_A_GAP = ("The residuals after a calibration fit", "look at the number")  # notes that have no place without their reason
@@ -57,19 +51,6 @@ def test_m0_has_no_gap_and_says_so(m0):
     assert json.loads(json.dumps(document)) == document
 
 
-def test_wrong_stated_noise_is_noise_excess_and_nothing_else():
-    """Negative control: M0 data whose header states two thirds of the noise there is, of the gyro and of the references."""
-    recording = recordings.recorded(12)
-    gyro, attitudes = recording.gyro, recording.attitudes
-    wrong = replace(
-        recording, gyro=replace(gyro, arw=gyro.arw / 1.5), attitudes=replace(attitudes, sigma=attitudes.sigma / 1.5)
-    )
-    answer = diagnose(wrong, library=["noise_excess", "reference_noise_excess", *SLOW])
-    assert {(one.effect, one.axis) for one in answer.causes} == {("noise_excess", None), ("reference_noise_excess", None)}
-    assert answer.verdict == "named"
-    assert all(abs(cause.size - 1.5) < 4 * cause.sigma for cause in answer.causes)
-
-
 def test_a_log_at_rest_between_two_references_shows_repeats_and_no_gap_of_the_attitude():
     """A logger that reads each sample three times, at even times: no degree of freedom is left for the attitude."""
     rates = np.repeat(np.deg2rad(0.05) * np.random.default_rng(1).standard_normal((400, 3)), 3, axis=0)
@@ -97,14 +78,14 @@ def test_shuffled_residuals_give_no_cause():
     assert compute_null_p(Search(linear), 0, DEFAULT.null_draws) < 1e-20
     rng = np.random.default_rng(14)
     p = []
-    for _ in range(5):
+    for _ in range(2):
         shuffled = model.project_out_nuisance(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
         shuffled *= np.sqrt(model.degrees_of_freedom) / np.linalg.norm(shuffled)
         p.append(compute_null_p(Search(replace(linear, y=shuffled)), 0, DEFAULT.null_draws))
     assert min(p) > DEFAULT.false_alarm_rate
 
 
-def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan):
+def test_an_effect_is_named_with_its_size_and_closes_the_gap():
     text = "bias_orbital:y=0.25,phase_deg=40"
     setting = parse(text)
     answer = diagnose(recordings.recorded(15, text, **COARSE))
@@ -118,7 +99,8 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan):
     assert answer.closure is not None
     assert answer.closure.after < answer.closure.before
     # The calibration with the effect in is nearer to the truth than without.
-    true_G, true_bias = np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s)
+    gyro = recordings.plan().gyro
+    true_G, true_bias = np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s)
     error, before = (
         np.append((G - true_G).ravel() / answer.sigma_G.ravel(), (bias - true_bias) / answer.sigma_bias)
         for G, bias in ((answer.G, answer.bias), (answer.baseline_G, answer.baseline_bias))
@@ -154,32 +136,11 @@ def test_an_effect_left_out_of_the_library_is_unknown():
     assert answer.causes == ()
 
 
-def test_a_cause_beside_something_unlisted_in_the_samples_is_a_partial_answer():
-    """At seed 9 G_xz absorbs the bias that swings."""
-    answer = diagnose(recordings.recorded(10, "rate_saturation:z=0.2", "bias_orbital:x=0.3"), library=SLOW)
-    assert answer.verdict == "partial"
-    assert answer.unknown_probability > 0.99
-    assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
-    assert [step.step for step in answer.budget if step.probability is not None] == ["bias_orbital:x"]
-
-
 def test_ends_only_says_how_little_it_can_tell():
     coarse = scenario.override(scenario.load("trmm"), {"gyro.sample_s": 4.0})
     answer = diagnose(simulate(coarse, seed=17, effects=[parse("bias_drift:y=0.05")]))
     assert any("6 degrees of freedom" in note for note in answer.notes)
     assert answer.verdict in ("none", "group", "unknown")  # never a bare name
-
-
-def test_a_constant_reference_offset_changes_nothing_and_is_said_to_be_not_identifiable(m0):
-    recording = recordings.recorded(11, **COARSE)
-    offset = Rotation.from_rotvec(np.deg2rad([0.1, -0.2, 0.15]))
-    q = (Rotation.from_quat(recording.attitudes.quaternions) * offset.inv()).as_quat()
-    moved = replace(recording, attitudes=replace(recording.attitudes, quaternions=q))
-    plain, turned = m0[0], diagnose(moved)
-    assert plain.verdict == turned.verdict == "none"
-    assert turned.p_value == pytest.approx(plain.p_value, abs=0.05)
-    assert any("offset of the references" in note for note in turned.notes)
-    assert np.abs(turned.G - plain.G).max() > 1e-3  # it went into G
 
 
 def test_the_same_seed_gives_the_same_answer(m0):
@@ -201,20 +162,13 @@ def test_two_effects_are_named_with_their_sizes():
 # ---- notes on a gap ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("effects", "why"),
-    [
-        pytest.param(("bias_orbital:y=0.05",), "bias_orbital:y takes ", id="a pattern"),
-        pytest.param(("noise_excess:x=1.3",), "the gyro samples show", id="of the samples"),
-    ],
-)
-def test_a_gap_that_no_calibration_sees_is_told_with_its_reason(effects, why):
-    recording = recordings.recorded(3, *effects)
+def test_a_gap_that_no_calibration_sees_is_told_with_its_reason():
+    recording = recordings.recorded(3, "bias_orbital:y=0.05")
     found, of_calibration = diagnose(recording), calibrate(recording)
     assert of_calibration.p_value > 0.01
     assert found.present
     (note,) = [one for one in found.notes if one.startswith(OF_A_GAP[0])]
-    assert why in note
+    assert "bias_orbital:y takes " in note
     # The same sum as that of the calibration.
     assert float(scipy.special.chdtrc(of_calibration.dof, of_calibration.chi2)) == pytest.approx(
         float(note.split("p = ")[1].split(")")[0]), rel=0.02
@@ -227,6 +181,7 @@ def test_numbers_in_another_unit_are_told():
     plain = recordings.recorded(3, "bias_orbital:y=0.5")
     gyro, attitudes = replace(plain.gyro, arw=arw * plain.gyro.arw), plain.attitudes
     found = diagnose(replace(plain, gyro=gyro, attitudes=replace(attitudes, sigma=sigma * attitudes.sigma)))
+    assert {one.effect for one in found.causes} == {"noise_excess", "reference_noise_excess", "bias_orbital"}
     notes = " ".join(one for one in found.notes if "look at the number" in one)
     assert "1/60, as of an angle" in notes
     assert "1/3600, as of sigmas" in notes
@@ -246,21 +201,14 @@ SWINGING = (
 )
 
 
-@pytest.mark.parametrize(
-    ("effect", "axis", "size", "period"),
-    [
-        ("bias_periodic", "z", 0.35, 1730.0),
-        pytest.param("reference_periodic", "x", 0.012, 2150.0, marks=pytest.mark.long),
-    ],
-)
-def test_it_is_found_with_its_period_and_size(effect, axis, size, period):
-    answer = diagnose(recordings.recorded(6, f"{effect}:{axis}={size},period_s={period},phase_deg=-70"), library=SWINGING)
+def test_a_swing_is_found_with_its_period_and_size():
+    answer = diagnose(recordings.recorded(6, "bias_periodic:z=0.35,period_s=1730,phase_deg=-70"), library=SWINGING)
     assert answer.verdict in ("named", "group")
     (cause,) = answer.causes
-    assert f"{effect}:{axis}" in cause.group
-    assert abs(cause.parameters["period_s"] - period) < 4 * cause.parameters["period_sigma_s"]
-    if cause.effect == effect:
-        assert abs(cause.size - size) < 3.5 * cause.sigma
+    assert "bias_periodic:z" in cause.group
+    assert abs(cause.parameters["period_s"] - 1730) < 4 * cause.parameters["period_sigma_s"]
+    if cause.effect == "bias_periodic":
+        assert abs(cause.size - 0.35) < 3.5 * cause.sigma
     assert answer.closure.closed > 0.7
 
 

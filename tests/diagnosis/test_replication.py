@@ -22,14 +22,6 @@ def test_sizes_that_agree_have_the_weighted_mean():
     assert found.spread == 0
 
 
-def test_sizes_that_scatter_have_a_wider_sigma():
-    found = combined([3.0, -3.0, 3.2, -2.8], [0.1] * 4)
-    assert found.heterogeneity_p < 1e-10
-    assert found.sigma > 1.0
-    assert found.spread == pytest.approx(np.std([3.0, -3.0, 3.2, -2.8], ddof=1), rel=0.01)
-    assert found.ramp is None
-
-
 def test_a_part_that_shows_nothing_is_left_out():
     found = combined([1.0, 1.1, 50.0], [0.1, 0.1, 100.0])
     assert [one.part for one in found.parts] == NAMES[:2]

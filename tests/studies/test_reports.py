@@ -39,6 +39,7 @@ FEW = {
 }
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("name", FEW)
 def test_whatever_is_left_of_a_study_has_a_report(name, tmp_path):
     folder = ROOT / "results" / "studies" / name

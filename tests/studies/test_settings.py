@@ -10,16 +10,11 @@ UNIFORM = {"kind": "uniform", "low": 0.1, "high": 0.2}
 REFUSED = [
     ("consistency", {"sampler": "sobol"}, "sampler"),
     ("consistency", {"dispersions.gyro.true_G.0.0": UNIFORM}, "must be normal"),
-    ("consistency", {"confidence": 1.0}, "confidence"),
     ("noise", {"cases": 6}, "the grid has 43 points, one a case; change them by arw_deg_per_sqrt_s and sigma_deg"),
     ("noise", {"sigma_deg": [0.01, 0.005]}, "rising numbers above zero"),
-    ("noise", {"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "above zero"),
-    ("observability", {"cases": 63}, "the grid has 126 points, one a case; change them by scenario"),
     ("observability", {"dispersions.orbit.raan_deg": UNIFORM}, "not dispersed"),
     ("psi", {"steps_s": [0.5], "cases": 90}, "the grid has 18 points, one a case; change them by slew_angles_deg and"),
-    ("psi", {"slew_rates_deg_s": [0.5, 0.5]}, "different numbers above zero"),
     ("psi", {"slew_angles_deg": []}, "one or more"),
-    ("timestep", {"steps_s": [1.0, 0.5]}, "rising numbers above zero"),
     ("iterations", {"iterations": 3}, "must be between 4 and 100"),
 ]
 

@@ -45,9 +45,3 @@ def test_degrees_of_freedom_are_the_share_of_the_noise_that_is_kept():
         stated.append(freedom)
     # A coefficient that its noise lifts over the limit jumps, which the derivative leaves out.
     assert abs(np.mean(kept) - np.mean(stated)) < 4 * np.std(kept) / np.sqrt(60) + 0.1 * np.mean(stated)
-
-
-def test_few_samples_and_no_noise():
-    few = np.arange(30.0).reshape(10, 3)
-    np.testing.assert_allclose(remove_interval_noise(few, SAMPLE_S, np.full(3, 1e-9)), few, atol=1e-8)
-    np.testing.assert_array_equal(remove_interval_noise(few, SAMPLE_S, np.zeros(3)), few)

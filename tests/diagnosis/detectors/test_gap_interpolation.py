@@ -17,7 +17,7 @@ def bridged(rates, low, high, sigma=0.0, t_s=T):
     return fill_gaps(t_s, spoiled, bad, DT, sigma)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 7, 20])
+@pytest.mark.parametrize("n", [1, 20])
 def test_steady_and_steadily_growing_rates_come_back(n):
     rates = np.column_stack([np.full(T.size, 0.3), 0.01 * T, 0.2 - 0.02 * T])
     out, factor, density = bridged(rates, 30, 30 + n)
@@ -44,7 +44,7 @@ def test_a_corner_inside_a_run_is_covered_by_its_density():
     assert (line - rates[:, 0])[low:high].sum() * DT == pytest.approx(3 * error, rel=0.02)
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 12, 30])
+@pytest.mark.parametrize("n", [1, 12])
 def test_noise_of_a_bridge_is_as_stated(n):
     """Angle over run and neighbours against the density it is given; 3000 draws, which leaves 2.6 % of sampling error."""
     rng = np.random.default_rng(n)
@@ -59,7 +59,7 @@ def test_noise_of_a_bridge_is_as_stated(n):
     assert 0.9 < variance / stated < 1.1
 
 
-@pytest.mark.parametrize(("period", "n"), [(12.0, 1), (12.0, 3), (30.0, 6), (30.0, 12), (400.0, 5)])
+@pytest.mark.parametrize(("period", "n"), [(12.0, 3), (400.0, 5)])
 def test_a_fast_swing_is_covered_by_what_the_bridge_misses_nearby(period, n):
     """Swings of a thousand sigmas, at 40 phases: the angle over run and sides is off by about what factor and density say."""
     rng, t_s, sigma, low = np.random.default_rng(n), DT * np.arange(401), 1e-3, 200

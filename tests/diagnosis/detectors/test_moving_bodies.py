@@ -21,9 +21,9 @@ def swaying(seed, size=300.0):
 # ---- repeats on a lattice ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", [2.0, 6.0, 20.0])
+@pytest.mark.parametrize("step", [2.0, 20.0])
 def test_a_body_that_turns_back_repeats_no_reading_by_a_fault(step):
-    for seed in range(3):
+    for seed in range(2):
         x = np.round(swaying(seed) / step) * step
         assert _stale(x) is None or _stale(x).p_value > 1e-6
 

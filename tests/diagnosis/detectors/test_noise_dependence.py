@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import scipy.stats
 
 from diagnosis.detectors.samples import examine
@@ -41,14 +40,13 @@ def test_p_values_of_white_noise_are_not_too_small():
         assert np.sum(np.array(found) < level) <= scipy.stats.binom.ppf(0.9999, len(found), level)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_that_grows_with_the_rate_is_unlisted(seed):
+def test_noise_that_grows_with_the_rate_is_unlisted():
     def factor(motion):
         grown = np.ones_like(motion)
         grown[:, 1] += 0.5 * np.abs(motion[:, 1]) / 3000
         return grown
 
-    report = examined(np.random.default_rng(seed), factor)
+    report = examined(np.random.default_rng(0), factor)
     (found,) = [one for one in report.symptoms if one.kind == "noise_pattern"]
     assert found.axis == "y"
     assert found.p_value < DEFAULT.sample_event

@@ -7,14 +7,11 @@ import scipy.stats
 from diagnosis.detectors.noise_blocks import (
     ORDER,
     SHOWING,
-    SPREAD,
     WHITE_COSINES,
     cut_blocks,
     estimate_powers,
     fit_white_noise,
-    has_spike,
     is_even,
-    rank_calm_blocks,
 )
 from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.samples import examine
@@ -42,13 +39,6 @@ def blocks_of(x):
     return np.diff(cut_blocks([x]), ORDER, axis=1) @ WHITE_COSINES.T
 
 
-def calmest(x):
-    """The blocks of the calmer half."""
-    blocks = blocks_of(x)
-    order = rank_calm_blocks(blocks)
-    return blocks[order[: order.size // 2], :SHOWING]
-
-
 # ---- the blocks ----------------------------------------------------------------------------------------------------------
 
 
@@ -62,30 +52,10 @@ def test_cosines_of_white_noise_are_independent_with_its_variance():
     np.testing.assert_allclose(blocks_of(white + swing(20_000))[:, :16], blocks_of(white)[:, :16], atol=0.1)
 
 
-def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
-    rng = np.random.default_rng(1)
-    powers = np.array([estimate_powers(rng.standard_normal((400, SHOWING))) for _ in range(100)])
-    assert powers.mean() == pytest.approx(1.0, abs=4 * np.sqrt(SPREAD / 400 / powers.size))
-    assert powers.std() == pytest.approx(np.sqrt(SPREAD / 400), rel=4 / np.sqrt(2 * powers.size))
-    spoiled = rng.standard_normal((4000, SHOWING))
-    spoiled[:40] *= 30
-    assert estimate_powers(spoiled).mean() == pytest.approx(1.0, abs=0.03)
-
-
-def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
-    """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
-    rng = np.random.default_rng(13)
-    ratios = [np.mean(calmest(x) ** 2) for x in rng.standard_normal((200, 6000))]
-    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
-    moving = np.arange(32_000) % 6400 < 3200
-    chosen = calmest(10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000))
-    assert np.std(chosen) == pytest.approx(1.0, rel=0.05)
-
-
 # ---- under M0 ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("count", "draws"), [(600, 400), (3000, 300), (20_000, 60)])
+@pytest.mark.parametrize(("count", "draws"), [(600, 300), (3000, 200)])
 def test_level_and_p_value_are_calibrated(count, draws):
     """Beside a swing. The two templates go together, so that twice the smaller p-value is a little more than uniform."""
     rng = np.random.default_rng(count)
@@ -112,33 +82,6 @@ def test_jerks_are_no_noise():
             least = min(least, 1.0 if one is None else one.p_value)
     assert least > 1e-3
     assert found_in(rng.standard_normal(60_000) + steps(rng, 60_000, 12_000)) is None
-
-
-def test_a_motion_of_all_frequencies_is_no_level_of_noise():
-    rng = np.random.default_rng(8)
-    white, jerks = rng.standard_normal(6000), np.cumsum(np.cumsum(rng.standard_normal(6000)))
-    found = [found_in(white + size * jerks) for size in (0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0)]
-    assert all(one is None or one.p_value > 1e-3 for one in found)
-    assert found[-1] is None
-
-
-def test_spikes_too_small_for_a_motion_are_no_noise():
-    """One sample in 300 by six sigmas, as many as would have a tenth of the power of the noise."""
-    rng = np.random.default_rng(6)
-    x = rng.standard_normal(40_000) + swing(40_000)
-    x[rng.choice(40_000, 133, replace=False)] += 6.0
-    assert found_in(x).p_value > 1e-3
-    assert 0 < has_spike(blocks_of(rng.standard_normal(400_000))).mean() < 1e-3
-
-
-def test_the_jumps_of_a_dead_zone_are_no_noise():
-    """Of a body that sways through it, in one block of five; where there is none, all blocks count."""
-    rng = np.random.default_rng(7)
-    rate = 400 * np.sin(np.arange(60_000) / 200)
-    white = rng.standard_normal(60_000)
-    dead = np.where(np.abs(rate) < 6.0, 0.0, rate) + white
-    assert found_in(dead).p_value > 1e-3
-    assert found_in(rate + white).blocks > found_in(dead).blocks
 
 
 # ---- noise that is not as stated -----------------------------------------------------------------------------------------
@@ -194,26 +137,8 @@ def symptoms_of(noise, seed=1):
     return examine(of_rates(swing + arw / np.sqrt(sample_s) * noise, 20, sample_s, arw, 1e-4, seed)).symptoms
 
 
-@pytest.mark.parametrize("low", [0.1, 0.3, 0.39])
-def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has(low):
+def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has():
     rng = np.random.default_rng(5)
-    shaking = np.column_stack([band(rng, 12_000, low, low + 0.06, 0.25) for _ in range(3)])
+    shaking = np.column_stack([band(rng, 12_000, 0.3, 0.36, 0.25) for _ in range(3)])
     assert symptoms_of(shaking) == ()
     assert [one.kind for one in symptoms_of(0.5 * rng.standard_normal((12_000, 3)))] == ["white_noise_level"]
-
-
-def test_readout_noise_shows_where_a_body_still_rings():
-    """Knocks leave a ringing of some sigmas, at a frequency that means of several samples hold."""
-    rng = np.random.default_rng(6)
-    t = np.arange(40_000)
-    knocks = np.zeros(t.size)
-    knocks[rng.choice(t.size, 60, replace=False)] = 6.0
-    decaying = np.exp(-np.arange(400) / 80) * np.sin(2 * np.pi * 0.05 * np.arange(400))
-    ringing = np.convolve(knocks, decaying)[: t.size]
-    reading = np.diff(0.4 * rng.standard_normal((t.size + 1, 3)), axis=0)
-    found = symptoms_of(ringing[:, None] + reading)
-    assert [one.kind for one in found] == ["readout_noise"] * 3
-    sizes = np.array([one.size for one in found])
-    sigmas = np.array([one.sigma for one in found])
-    expected = np.rad2deg(0.4 * 1e-5 / np.sqrt(0.1)) * 3600 * 0.1
-    assert (np.abs(sizes - expected) < 4 * sigmas).all()

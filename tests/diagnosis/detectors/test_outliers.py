@@ -12,36 +12,6 @@ from tests.diagnosis.recordings import of_rates
 
 SAMPLE_S, ARW = 0.1, 3e-4
 SIGMA = ARW / np.sqrt(SAMPLE_S)
-EVERY = 397
-
-
-def driving(spikes=0.0):
-    """A rover that stands and drives by turns, shaken while it drives; one sample in hundreds of gyro x is off by `spikes`."""
-    rng = np.random.default_rng(8)
-    t_s = SAMPLE_S * np.arange(14_400)
-    drives = (t_s % 240.0 > 150.0)[:, None]
-    turning = 0.05 * np.sin(2 * np.pi * t_s[:, None] / np.array([31.0, 43.0, 57.0])) + 3 * SIGMA * rng.standard_normal(
-        (t_s.size, 3)
-    )
-    made = of_rates(np.where(drives, turning, 0.0), 40, SAMPLE_S, ARW, 3e-4, 1)
-    read = made.gyro.rates.copy()
-    read[50::EVERY, 0] += spikes * rng.choice([-1.0, 1.0], read[50::EVERY, 0].size)
-    return replace(made, gyro=replace(made.gyro, rates=read)), made.gyro.rates
-
-
-def test_outliers_of_a_thousand_sigmas_are_found_and_taken_out():
-    spoilt, clean = driving(1000 * SIGMA)
-    report = examine(spoilt)
-    (symptom,) = [one for one in report.symptoms if one.kind == "outliers"]
-    assert symptom.axis == "x"
-    assert symptom.size == pytest.approx(np.rad2deg(1000 * SIGMA), rel=0.05)
-    assert symptom.parameters["fraction"] == pytest.approx(1 / EVERY, rel=0.1)
-    assert np.abs(report.rates - clean).max() < 20 * SIGMA
-    assert report.rates[:, 1:] == pytest.approx(clean[:, 1:], abs=0)
-
-
-def test_a_rover_that_starts_and_stops_has_none():
-    assert not [one for one in examine(driving()[0]).symptoms if one.kind.startswith("outlier")]
 
 
 def thrusting(spikes=0.0, steps=0.0):
@@ -72,22 +42,6 @@ def test_spikes_of_a_body_that_never_rests_are_found_at_ten_times_the_noise():
     assert np.abs(report.rates - clean)[found, 0].mean() < 4 * SIGMA
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_size_of_a_few_that_stand_out_of_many_is_no_height_of_theirs(seed):
-    """Of outliers of two sigmas in the mean only those beyond five are seen; or all there are have one height."""
-    rng = np.random.default_rng(seed)
-    made = of_rates(np.zeros((40_000, 3)), 40, SAMPLE_S, ARW, 3e-4, 1)
-    for size, hit, height in (
-        (2.0, rng.random(40_000) < 0.0015, rng.laplace(0.0, 2.0, 40_000)),
-        (30.0, np.arange(40_000) % 6_000 == 3_000, 30.0 * rng.choice([-1.0, 1.0], 40_000)),
-    ):
-        read = made.gyro.rates.copy()
-        read[:, 0] += np.where(hit, height * SIGMA, 0.0)
-        for symptom in examine(replace(made, gyro=replace(made.gyro, rates=read))).symptoms:
-            if symptom.kind == "outliers":
-                assert abs(symptom.size - np.rad2deg(size * SIGMA)) < 3.5 * symptom.sigma
-
-
 def test_steps_of_the_rate_are_no_spikes():
     report = examine(thrusting(steps=20.0)[0])
     assert not [one for one in report.symptoms if one.kind.startswith("outlier")]
@@ -106,7 +60,7 @@ def jolted(width):
     return of_rates(rates, 40, SAMPLE_S, ARW, 3e-4, 1)
 
 
-@pytest.mark.parametrize("width", [3.0, 6.0, 8.0])
+@pytest.mark.parametrize("width", [3.0, 8.0])
 def test_a_jolted_body_that_rings_has_no_outliers(width):
     assert not [one for one in examine(jolted(width)).symptoms if one.kind.startswith("outlier")]
 

@@ -42,10 +42,7 @@ def symptoms(recording):
 @pytest.mark.parametrize(
     "change",
     [
-        pytest.param(lambda x: x, id="doubles"),
-        pytest.param(lambda x: x.astype(np.float32).astype(float), id="single precision"),
         pytest.param(lambda x: x.astype(np.float16).astype(float), id="half precision"),
-        pytest.param(lambda x: 0.1 * NOISE * np.round(x / (0.1 * NOISE)), id="a number format"),
         pytest.param(lambda x: np.round(x / (3 * NOISE)) * 3 * NOISE, id="a lattice"),
         pytest.param(lambda x: np.where(np.abs(x) < 2e-4, 0.0, x), id="zeros"),
         pytest.param(lambda x: np.clip(x, -1.5e-3, 1.5e-3), id="clipped"),
@@ -53,19 +50,6 @@ def symptoms(recording):
 )
 def test_what_repeats_for_another_reason_does_not_count(change):
     assert ("own_repeats", "z") not in symptoms(read_as(turning(), change))
-
-
-def test_readings_that_are_zero_too_often_are_a_finding_with_axis_and_number():
-    made = read_as(turning(), lambda x: np.where(np.abs(x) < 2e-4, 0.0, x))
-    (found,) = examine(made).symptoms
-    assert (found.kind, found.axis) == ("zero_samples", "z")
-    assert f"z: {np.sum(made.gyro.rates[:-1, 2] == 0)} samples" in found.text
-
-
-def test_stale_samples_are_of_all_axes():
-    made = turning()
-    rates = held(made.gyro.rates)
-    assert [kind for kind, _ in symptoms(replace(made, gyro=replace(made.gyro, rates=rates)))] == ["repeats"]
 
 
 def test_readings_that_are_held_are_seen_and_are_on_no_list():
@@ -86,14 +70,6 @@ def test_chances_of_formats_are_bounds():
             assert np.mean(p < limit) < limit + 3 * np.sqrt(limit / p.size)
 
 
-@pytest.mark.parametrize(
-    ("change", "axes", "verdict"),
-    [
-        pytest.param(np.zeros_like, 2, "unknown", id="a gyro that stands still"),
-        pytest.param(lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2], "group", id="a coarse lattice"),
-    ],
-)
-def test_readings_that_hardly_change_are_a_gap_and_no_fault_of_the_program(change, axes, verdict):
-    found = diagnose(read_as(turning(count=1500), change, axes))
-    assert found.p_value < 1e-100
-    assert found.verdict == verdict
+def test_readings_that_hardly_change_are_a_gap_and_no_fault_of_the_program():
+    found = diagnose(read_as(turning(count=1500), np.zeros_like))
+    assert (found.p_value < 1e-100, found.verdict) == (True, "unknown")

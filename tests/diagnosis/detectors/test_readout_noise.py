@@ -1,14 +1,9 @@
 """Readout noise of the angle, told from white noise of another level."""
 
 import numpy as np
-import pytest
 
 from diagnosis.detectors.noise_level import fit_noise_level
-from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
-from simulator import scenario
-from simulator.effects import parse
-from simulator.simulate import simulate
 from tests.diagnosis.recordings import recorded
 
 SIGMA = 1e-6  # of a sample
@@ -34,10 +29,6 @@ def test_its_size_over_seeds():
     pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(40)
     assert 0.6 < pulls.std() < 1.4
-
-
-def test_too_much_white_noise_is_none():
-    assert [found_in(drawn(seed, white=1.5)) for seed in range(20)] == [None] * 20
 
 
 def test_both_together_are_both_found():
@@ -66,18 +57,3 @@ def test_it_is_named_and_not_an_excess_of_white_noise():
     (cause,) = answer.causes
     assert cause.label == "noise_angle_white:y"
     assert abs(cause.size - 0.4) < 3 * cause.sigma
-
-
-def _one_interval():
-    """An interval of ten minutes."""
-    return [{"name": "hold", "activity": "hold", "start_s": 0.0, "stop_s": 600.0, "mode": "+x"}]
-
-
-@pytest.mark.parametrize("seed", [6, 30, 34])
-def test_white_noise_of_three_gyros_is_one_cause_though_one_seems_read_out(seed):
-    """Seeds in which x alone would be called readout noise; so short a recording hardly tells."""
-    changes = {"gyro.sample_s": 0.6, "interval": _one_interval()}
-    plan = scenario.override(scenario.load("trmm_series"), changes)
-    (symptom,) = examine(simulate(plan, seed=seed, effects=[parse("noise_excess=1.4")])).symptoms
-    assert (symptom.kind, symptom.axis) == ("white_noise_level", None)
-    assert abs(symptom.size - 1.4) < 4 * symptom.sigma

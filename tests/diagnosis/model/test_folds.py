@@ -3,25 +3,14 @@
 import numpy as np
 import pytest
 
-from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.search import Search
 from diagnosis.model.folds import BROAD, PARTS, START, assign_folds, build_folds, reverse_whitening
-from diagnosis.model.linear import SelectedCandidate
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-from tests.diagnosis.recordings import linear_of, prepared, recorded
-
-ORBITAL = "bias_orbital:z=0.3,phase_deg=25"
+from tests.diagnosis.recordings import prepared
 
 
 @pytest.fixture(scope="module")
 def model():
     return prepared(3, every_s=300.0).model
-
-
-def member(made, label):
-    search = Search(made)
-    score = search.score(made.find(label), ())
-    return SelectedCandidate(made.find(label), score.option, score.scale)
 
 
 def test_every_observation_is_held_out_once_and_every_interval_has_a_share_in_each_fold(model):
@@ -73,24 +62,3 @@ def test_errors_of_m0s_predictions_have_unit_variance():
             dof += fold.left_y.size
     # Folds of one recording share their training parts; a tenth more spread than of independent rows allows for that.
     assert abs(total / dof - 1) < 4.4 * np.sqrt(2 / dof)
-
-
-def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect():
-    made = linear_of(("bias_orbital", "scale_quadratic"), 21, ORBITAL)
-    named = [member(made, "bias_orbital:z")]
-    right = compute_closure(made, named)
-    nothing = compute_closure(made, [])
-    wrong = compute_closure(made, [member(made, "scale_quadratic:y")])
-    assert right.closed > 0.85
-    assert right.interval_90[0] < right.closed < right.interval_90[1]
-    assert nothing.closed == pytest.approx(0.0, abs=1e-12)
-    assert wrong.closed < 0.2
-    assert right.floor == pytest.approx(1.0)
-    assert right.split == made.split == "an eighth of each interval at a time"
-    assert set(right.by_interval["interval"]) == {interval.name for interval in recorded(21, ORBITAL).intervals}
-
-
-def test_a_step_that_begins_in_a_fold_is_still_predicted():
-    made = linear_of(("bias_step",), 23, "bias_step:y=0.5,time_s=22000")
-    found = compute_closure(made, [member(made, "bias_step:y")])
-    assert found.closed > 0.85

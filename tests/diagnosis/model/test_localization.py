@@ -22,11 +22,6 @@ def test_statistics_of_m0_have_uniform_p_values():
     assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
 
 
-def test_findings_of_m0_are_rare():
-    found = [list_findings(compute_statistics(prepared(seed).model)) for seed in range(6)]
-    assert sum(map(len, found)) <= 1
-
-
 @pytest.fixture(scope="module")
 def turned():
     """A turn of the references of the third interval about y, growing and shrinking with time."""

@@ -7,7 +7,6 @@ import pytest
 import scipy.signal
 import scipy.stats
 
-from diagnosis.diagnose import diagnose
 from diagnosis.model.bins import build_bins, normalise_columns, observe_rate_errors
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.motion import estimate_gyro_noise
@@ -75,11 +74,3 @@ def test_an_error_of_many_sigmas_is_not_taken_for_noise_of_them():
     within = replace(model, zeta=model.zeta * 0.5 * np.sqrt(model.degrees_of_freedom / (model.y @ model.y)))
     smaller = estimate_gyro_noise(replace(within, zeta=within.zeta / 3), None)[0]
     np.testing.assert_allclose(3 * smaller, estimate_gyro_noise(within, None)[0], atol=1e-9 * np.abs(smaller).max())
-
-
-def test_a_clean_gyro_of_a_swaying_body_has_no_gap():
-    """Of a noisy one at 50 Hz, 180 s long, with a reference each second."""
-    t_s = SAMPLE_S * np.arange(9000)
-    rates = np.deg2rad([0.17, 2.0, 1.0]) * np.sin(2 * np.pi * np.array([1.77, 0.31, 1.87]) * t_s[:, None])
-    found = diagnose(of_rates(rates, 50, SAMPLE_S, np.deg2rad(4e-3), np.deg2rad(0.02), seed=3))
-    assert found.verdict == "none"

@@ -39,19 +39,5 @@ def test_path_gives_the_integral_where_the_first_order_does_not(flown):
     begun = (propagated[:-1] * Rotation.from_rotvec(0.5 * (rates - error) * STEP_S)).as_matrix()
     assert np.abs(path.interpolate_turns(ends) @ begun - middle).max() < 2e-3
     assert path.turn_attitudes(propagated[ends].as_matrix()) == pytest.approx(true[ends].as_matrix(), abs=1e-12)
-
-
-def test_small_errors_are_left_as_they_are():
-    zeta = np.random.default_rng(1).normal(0, 1e-4, (50, 3))
-    assert find_relinearised_path(zeta, np.full((50, 3), 1e-4)) is None
-
-
-def test_noise_of_the_references_adds_next_to_nothing(flown):
-    true, propagated, *_ = flown
-    ends = np.arange(0, COUNT + 1, EACH)
-    sigma = 2e-3
-    zeta = (true[ends] * propagated[ends].inv()).as_rotvec()
-    noise = np.random.default_rng(2).normal(0, sigma, zeta.shape)
-    noisy = (Rotation.from_rotvec(noise) * Rotation.from_rotvec(zeta)).as_rotvec()
-    clean, found = (find_relinearised_path(one, np.full(zeta.shape, sigma)).errors for one in (zeta, noisy))
-    assert np.abs(found - clean - noise).max() < 0.2 * sigma
+    small = np.random.default_rng(1).normal(0, 1e-4, (50, 3))
+    assert find_relinearised_path(small, np.full((50, 3), 1e-4)) is None

@@ -5,7 +5,7 @@ import pytest
 
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, ResidualProducts, add_finer_times, add_step_times
+from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, ResidualProducts, add_step_times
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -47,16 +47,3 @@ def test_the_moment_between_two_that_are_tried_is_found(stepped):
     for one, other in zip(linear.candidates, finer.candidates, strict=True):
         assert np.exp(other.log_weights).sum() == pytest.approx(np.exp(one.log_weights).sum())
         assert len(other.options) <= len(one.options) + MOST_MOMENTS * FINE_STEP_TIMES
-
-
-def test_every_element_of_a_row_gets_the_finer_times(stepped):
-    """Where rates about two axes go together, the element whose tried time is nearest to the true one would win."""
-    model, linear = stepped
-    place = linear.find("g_matrix_step:y")
-    option = next(k for k, one in enumerate(linear.candidates[place].options) if not one.parameters["time_sigma_s"])
-    finer = add_finer_times(model, linear, SelectedCandidate(place, option, 0), SCALE).candidates[place]
-    more = finer.options[len(linear.candidates[place].options) :]
-    times = {toward: [one.parameters["time_s"] for one in more if one.parameters["toward"] == toward] for toward in "xyz"}
-    assert len(times["x"]) > 10
-    assert times["x"] == times["y"] == times["z"]
-    assert np.exp(finer.log_weights).sum() == pytest.approx(np.exp(linear.candidates[place].log_weights).sum())

@@ -59,23 +59,6 @@ def test_a_symptom_is_the_effect_that_claims_it_and_otherwise_unlisted():
     assert (claimed.finding.signal, claimed.finding.axis, claimed.finding.p_value) == ("gyro stream", "y", 1e-40)
 
 
-def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allowed():
-    sure, doubtful, judged = (
-        causes([effect(Claims, "mine", "outliers")], [replace(OUTLIERS, **changes)])[0].cause(DEFAULT)
-        for changes in ({}, {"p_value": 3e-5}, {"probability": 0.7})
-    )
-    assert (sure.label, sure.size, sure.unit, sure.sigma, sure.parameters) == (
-        "mine:y",
-        0.02,
-        "deg/s",
-        1e-3,
-        {"fraction": 0.01},
-    )
-    assert sure.probability == pytest.approx(1 - DEFAULT.unlisted_in_samples)
-    assert 0.7 < doubtful.probability < 0.8
-    assert judged.probability == pytest.approx(1 / (1 / 0.7 + 0.05 / 0.95))
-
-
 def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_once():
     symptom = replace(OUTLIERS, p_value=1e-6, probability=0.8, likeness=0.3)
     found = compute_posterior(symptom, DEFAULT)
@@ -116,9 +99,7 @@ def test_noise_that_an_import_estimated_is_no_cause():
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():
     (own,) = causes([effect(Detects, "own", "outliers", "1e-30")])
     assert (own.effect, own.symptom.size, own.finding.text) == ("own", 0.05, "its own test")
-
-
-def test_a_symptom_is_nobodys_where_the_test_of_its_effect_finds_nothing():
+    # Where the test of the effect finds nothing, the symptom is nobody's.
     (left,) = causes([effect(Detects, "own", "outliers", "0.5")])
     assert left.effect is None
     assert left.symptom == OUTLIERS

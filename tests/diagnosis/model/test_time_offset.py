@@ -15,8 +15,8 @@ def model_and_columns(size):
     return model, small, fit_delays(model, small, (5e-3, 100.0))
 
 
-@pytest.mark.parametrize("size", [10.0, -10.0])
-def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise(size):
+def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise():
+    size = -10.0
     model, small, large = model_and_columns(size)
     best = max(large, key=lambda one: one.weight)
     x = model.project_out_nuisance(best.columns)[:, 0]

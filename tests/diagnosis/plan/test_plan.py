@@ -8,12 +8,11 @@ import scipy.stats
 
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.prepare import prepare
 from diagnosis.plan import visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
-from diagnosis.plan.extras import append_intervals, list_maneuvers
+from diagnosis.plan.extras import list_maneuvers
 from diagnosis.plan.pipeline import plan
-from diagnosis.plan.separability import compute_confusion_shares, compute_separating_snr, find_separating_size, list_pairs
+from diagnosis.plan.separability import compute_confusion_shares, find_separating_size, list_pairs
 from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
@@ -53,24 +52,19 @@ def linearise_calibrated(recording):
     return linearise_recording(recording, found.G, found.bias)
 
 
-def linearise_prepared(recording):
-    """The linear model of the diagnosis itself."""
-    return prepare(recording).model
-
-
 @pytest.fixture(scope="module")
 def detected(scenario, power):
     """How many of `SEEDS` simulated recordings have a gap in the attitude, with one linear model for all."""
     path = motion(scenario)
 
-    def count(effects, entropy, see=linearise_calibrated):
+    def count(effects, entropy):
         seen = []
         for case in range(SEEDS):
             gyro, references = generator(entropy, case, "gyro_noise"), generator(entropy, case, "reference_noise")
             recording = observe(
                 scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
             )
-            seen.append(see(recording).y)
+            seen.append(linearise_calibrated(recording).y)
         return int(np.sum(power.statistic(np.column_stack(seen)) > power.threshold))
 
     return count
@@ -79,25 +73,10 @@ def detected(scenario, power):
 # ---- by simulation -------------------------------------------------------------------------------------------------------
 
 
-def setting_at(one, seen):
-    """The typical case of an effect at its smallest visible size."""
-    parameters = dict(one.parameters[one.middle])
-    if one.X.shape[2] > 1:
-        parameters |= EFFECTS[one.effect].from_amplitudes(one.amplitudes)[1]
-    return setting(one.effect, one.axis, seen.size, parameters)
-
-
-@pytest.mark.parametrize(
-    ("label", "see"),
-    [
-        ("scale_asymmetry:z", linearise_calibrated),
-        pytest.param("bias_drift:z", linearise_prepared, marks=pytest.mark.long),
-        pytest.param("reference_orbital:x", linearise_prepared, marks=pytest.mark.long),
-    ],
-)
-def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(label, see, every, power, detected):
-    seen = find_visible_size(every[label], power)
-    count = detected([setting_at(every[label], seen)], 21, see)
+def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(every, power, detected):
+    one = every["scale_asymmetry:z"]
+    seen = find_visible_size(one, power)
+    count = detected([setting(one.effect, one.axis, seen.size, one.parameters[one.middle])], 21)
     assert scipy.stats.binomtest(count, SEEDS, SETTINGS.power).pvalue > 0.005
 
 
@@ -106,9 +85,8 @@ def test_without_an_effect_there_is_no_gap(detected):
     assert scipy.stats.binom.sf(count - 1, SEEDS, DEFAULT.false_alarm_rate) > 0.002
 
 
-@pytest.mark.parametrize("label", ["bias_orbital:y", "bias_random_walk:y"])
-def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(label, every, power, model):
-    one = every[label]
+def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
+    one = every["bias_random_walk:y"]
     seen = find_visible_size(one, power)
     rng = np.random.default_rng(3)
     noise = model.project_out_nuisance(rng.standard_normal((model.size, 400)))
@@ -126,23 +104,16 @@ def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(label, every
 # ---- signatures ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", ["bias_drift:x", "reference_horizon:z", "scale_quadratic:y", "time_offset"])
+@pytest.mark.parametrize("text", ["reference_horizon:z", "scale_quadratic:y"])
 def test_signature_is_what_the_simulator_does(text, scenario, model, every):
     one = every[text]
-    amount = {"bias_drift": 0.01, "reference_horizon": 0.001, "scale_quadratic": 1e4, "time_offset": 0.01}[one.effect]
+    amount = {"reference_horizon": 0.001, "scale_quadratic": 1e4}[one.effect]
     path = motion(scenario)
     injected = setting(one.effect, one.axis, amount)
     recording = observe(scenario, path, gyro_rng=None, reference_rng=None, effects=[injected])
     changed = linearise_recording(recording, model.G, model.bias)
     expected = amount * one.X[:, 0] @ EFFECTS[one.effect].amplitudes(setting(one.effect, one.axis, 1.0))
     np.testing.assert_allclose(changed.y - model.y, expected, atol=0.02 * np.abs(expected).max())
-
-
-def test_what_the_calibration_takes_up_is_not_identifiable(every, power):
-    # The roll rate has one sign throughout, so that |ω_x| is a scale factor.
-    seen = find_visible_size(every["scale_asymmetry:x"], power)
-    assert seen.verdict in ("not identifiable", "implausible")
-    assert "acts like" in seen.text or "plausible" in seen.text
 
 
 # ---- pairs ---------------------------------------------------------------------------------------------------------------
@@ -159,22 +130,6 @@ def test_share_is_the_squared_cosine():
     rho, ratio = compute_confusion_shares([one, other])
     assert rho[0, 1] == pytest.approx(0.36)
     assert ratio[0, 1] == pytest.approx(2.0 * 0.6 / 5.0)
-
-
-def test_share_takes_the_best_option_and_spans_of_columns():
-    one = made("bias_drift:x", [[[1.0]], [[1.0]], [[0.0]]])
-    options = made("bias_step:x", [[[0.0], [1.0]], [[0.0], [0.0]], [[1.0], [0.0]]])
-    wave = made("bias_orbital:x", [[[1.0, 1.0]], [[0.0, 2.0]], [[0.0, 0.0]]])
-    rho, _ = compute_confusion_shares([one, options, wave])
-    assert rho[0, 1] == pytest.approx(0.5)
-    assert rho[0, 2] == pytest.approx(1.0)
-
-
-def test_snr_that_separates_gives_the_log_odds():
-    for share in (0.0, 0.5, 0.99):
-        snr = float(compute_separating_snr(share))
-        assert 0.5 * snr**2 * (1 - share) == pytest.approx(SETTINGS.log_odds)
-    assert compute_separating_snr(1 - SETTINGS.exact / 2) == np.inf
 
 
 def test_lag_and_time_offset_are_the_same(every, power):
@@ -198,15 +153,6 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
 
 
 # ---- the whole -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["trmm", "trmm_series"])
-def test_built_in_maneuvers_continue_the_scenarios(name):
-    scenario = load(name)
-    for sections in list_maneuvers(scenario).values():
-        longer = append_intervals(scenario, sections)
-        assert longer.interval[: len(scenario.interval)] == scenario.interval
-        assert len(longer.interval) == len(scenario.interval) + len(sections)
 
 
 def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):

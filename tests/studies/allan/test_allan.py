@@ -15,11 +15,10 @@ from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
 from studies.allan.analysis import convert_to_display_unit, estimate_noise_terms, find_rate_step
-from studies.allan.rates import compute_constant_rate_p, find_stretches
+from studies.allan.rates import compute_constant_rate_p
 from studies.allan.report import list_remarks
 from studies.cli.main import main
 from tests.builders import piecewise_recording
-from tests.diagnosis.recordings import of_rates
 from tests.pages import checked
 
 ARW = np.deg2rad(2.6e-4)
@@ -50,17 +49,6 @@ def swaying(seed, arw=ARW):
     quaternions = (Rotation.from_quat(plain.attitudes.quaternions) * back).as_quat()
     moved = replace(plain.attitudes, quaternions=quaternions)
     return replace(plain, gyro=replace(plain.gyro, rates=rates), attitudes=moved)
-
-
-def test_a_clean_rest_has_its_stated_noise_and_no_other():
-    found = estimate_noise_terms(rest(1), "m1")
-    assert [(one.interval, one.rest) for one in found.stretches] == [("m1", True)]
-    for axis in found.axes:
-        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
-        walk = axis.fit.estimate(RANDOM_WALK)
-        assert abs(walk.value - found.arw) < 4 * walk.sigma
-        assert not axis.sinusoid.found
-        assert axis.sinusoid.upper > 0
 
 
 def test_flicker_and_a_tone_are_found_on_their_axes():
@@ -94,9 +82,8 @@ def test_a_step_in_a_rest_is_told_beside_the_ramp_that_it_makes():
     )
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_step_is_told_of_noise_that_wanders_or_of_a_drift(seed):
-    rng = np.random.default_rng(seed)
+def test_no_step_is_told_of_noise_that_wanders_or_of_a_drift():
+    rng = np.random.default_rng(0)
     white, t = rng.standard_normal(6000), np.arange(6000) / 6000
     walk = np.cumsum(rng.standard_normal(6000))
     for course in (0 * t, 20 * t, walk, 0.1 * walk, 3 * np.exp(-10 * t), np.sin(8 * np.pi * t)):
@@ -116,26 +103,6 @@ def test_motion_that_the_references_show_is_no_noise():
     assert np.allclose(found.axes[0].references[last], expected, rtol=0.5)
 
 
-def slewing(seed):
-    """Rests and four slews of 60 deg that begin and end gently, at 10 Hz, with a reference every ten seconds."""
-    t_s, rates = 0.1 * np.arange(12_000), np.zeros((12_000, 3))
-    for begin, axis in zip((150, 400, 650, 900), [*np.eye(3), np.full(3, -1 / np.sqrt(3))], strict=True):
-        turning = (t_s >= begin) & (t_s < begin + 150)
-        pace = np.deg2rad(60) / 150 * (1 - np.cos(2 * np.pi * (t_s - begin) / 150))
-        rates += np.where(turning, pace, 0.0)[:, None] * axis
-    return of_rates(rates, 100, 0.1, np.deg2rad(1e-3), np.deg2rad(0.003), seed)
-
-
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_the_gentle_end_of_a_slew_is_no_noise_of_a_rest(seed):
-    """Ends at which two means of up to 160 samples differ by four sigmas belong to the slew; what is left turns by less."""
-    found = estimate_noise_terms(slewing(seed))
-    assert [one.rest for one in found.stretches] == [True] * 5
-    for axis in found.axes:
-        assert not axis.steps
-        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
-
-
 def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
     rng = np.random.default_rng(4)
     t, rate = np.arange(0.0, 6000.0, 60.0), np.deg2rad([0.01, -0.0656, 0.002])
@@ -151,12 +118,6 @@ def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
     assert compute_constant_rate_p(t, attitudes * sway, sigma) < 1e-20
 
 
-def test_without_references_inside_it_is_said():
-    ends = simulate(scenario.load("trmm"), seed=5)
-    _, notes = find_stretches(ends, "m1")
-    assert any("slow motion counts as noise" in note for note in notes)
-
-
 def test_the_command_writes_what_it_shows(tmp_path):
     save(rest(6, "noise_excess:x=2"), tmp_path / "rec")
     files = {name: tmp_path / f"allan.{name}" for name in ("json", "html", "svg")}
@@ -168,12 +129,8 @@ def test_the_command_writes_what_it_shows(tmp_path):
     terms = written["axes"]["x"]["terms"]
     assert terms[RANDOM_WALK]["value"] == pytest.approx(2 * written["stated_angle_random_walk"]["value"], rel=0.03)
     assert not terms[FLICKER]["seen"]
-    assert terms[FLICKER]["value"] is None
     assert terms[FLICKER]["upper_95"] > 0
-    page = checked(files["html"].read_text())
-    assert list(page.figures) == ["allan"]
-    assert "angle random walk" in page.words
-    assert "Made by gyrocal" in page.words
+    assert list(checked(files["html"].read_text()).figures) == ["allan"]
     assert files["svg"].read_text().startswith("<?xml")
 
 

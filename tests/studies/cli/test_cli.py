@@ -2,13 +2,10 @@
 
 import json
 import re
-import subprocess
-import sys
 from xml.etree import ElementTree
 
 import click
 import numpy as np
-import pandas as pd
 import pytest
 
 import gyrocal
@@ -18,19 +15,6 @@ from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.montecarlo import engine
 from studies.natanson import paper_tables, reproduce
 from studies.reproduction import get_work_folder
-from tests import ROOT
-
-
-@pytest.mark.parametrize("option", ["--version", "--help"])
-def test_version_and_help_load_no_command(option):
-    heavy = "numba", "pandas", "matplotlib", "numpy", "scipy", "gyrocal"
-    code = (
-        "import sys; from studies.cli.main import main; main([sys.argv[1]], 'gyrocal', standalone_mode=False);"
-        f"print([name for name in {heavy!r} if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code, option], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert "gyrocal" in done.stdout
 
 
 def test_the_list_of_commands_says_what_each_says_itself(run_cli):
@@ -58,19 +42,6 @@ def test_simulate_then_calibrate(run_cli, tmp_path):
     truth = np.array(gyrocal.load(tmp_path / "rec").gyro.apriori_G)
     assert np.abs(np.array(document["G"]) - truth).max() > 1e-4
     assert document["parameters"] == list(NAMES)
-
-
-def test_largest_residual_is_named(run_cli, tmp_path):
-    rec = tmp_path / "rec"
-    run_cli("simulate", "trmm_series", str(rec), "--set", "gyro.sample_s=4")
-    frame = pd.read_parquet(rec / "attitude.parquet")
-    angle = np.deg2rad(0.2) / 2
-    turned = frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy()
-    x, y, z, w = turned
-    frame.loc[20, ["q1", "q2", "q3", "q4"]] = np.array([x + angle * w, y + angle * z, z - angle * y, w - angle * x])
-    frame.loc[20, ["q1", "q2", "q3", "q4"]] /= np.linalg.norm(frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy(dtype=float))
-    frame.to_parquet(rec / "attitude.parquet", index=False)
-    assert "roll of m1 at t = 1200.0 s" in run_cli("calibrate", str(rec)).stdout
 
 
 def test_study_runs_resumes_and_reruns(run_cli, tmp_path):

@@ -60,21 +60,6 @@ def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
     assert sizes == pytest.approx([0.4, 0.4], abs=0.15)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("compare", "REC", "trmm"), "flies another plan"),
-        (("simulate", "SCENARIO", "OUT", "--set", "gyro.sample_s=1"), "no scenario to change"),
-    ],
-)
-def test_bad_input_is_one_line(run_cli, made, arguments, text):
-    places = {"REC": made / "rec", "OUT": made / "out", "SCENARIO": made / "a.toml"}
-    shown = run_cli(*(str(places.get(argument, argument)) for argument in arguments))
-    assert shown.exit_code == 2
-    (line,) = shown.stderr.strip().splitlines()
-    assert text in line
-
-
 def test_a_changed_recording_is_refused(run_cli, made, tmp_path):
     text = (made / "a.toml").read_text().replace('recording = "rec"', f'recording = "{made / "other"}"')
     (tmp_path / "b.toml").write_text(text)

@@ -39,22 +39,6 @@ def refuse(text):
     raise AssertionError(text)
 
 
-@pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize("case", CASES)
-def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
-    """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis.py."""
-    asked["case"] = case
-    page, result = tmp_path / "page.html", tmp_path / "result.json"
-    shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
-    assert shown.exit_code == 0, shown.output
-    assert shown.stderr == ""
-    assert "Limits of this recording" in shown.stdout
-    document = json.loads(result.read_text(), parse_constant=refuse)
-    assert document["format"] == 1
-    assert document["verdict"] == CASES[case]().verdict
-    assert page.read_text().startswith("<!doctype html>")
-
-
 def test_effects_are_taken_off_the_list(run_cli, asked, rec):
     assert run_cli("diagnose", rec).exit_code == 0
     assert asked["library"] is None

@@ -14,7 +14,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from gyrocal import InputError, load, save
-from gyrocal.recording.tables import read_csv_file
 from simulator import scenario as scenarios
 from studies.cli.main import main
 from studies.report import console as consoles
@@ -49,18 +48,6 @@ def test_warnings_come_at_the_end_in_one_line_each_kind(run_cli, monkeypatch):
     own, numeric = result.stderr.splitlines()
     assert own == "gyrocal: warning: left out"
     assert numeric == "gyrocal: warning: while computing: overflow met; divide; look whether the results can be meant"
-
-
-def test_after_an_error_the_error_says_it_all(run_cli, monkeypatch):
-    def text(name):
-        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
-        raise InputError("wrong")
-
-    monkeypatch.setattr(scenarios, "read_text", text)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        result = run_cli("scenarios", "trmm")
-    assert (result.exit_code, result.stderr) == (2, "gyrocal: wrong\n")
 
 
 @pytest.mark.parametrize(
@@ -110,11 +97,6 @@ def test_fields_of_a_row_are_not_lost(run_cli, rec, edit, said):
             load(rec)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
-
-
-def test_a_comma_at_the_end_of_rows_is_no_column(tmp_path):
-    (tmp_path / "a.csv").write_text("x,y\n1,2,\n3,4,\n")
-    assert read_csv_file(tmp_path / "a.csv").to_numpy().tolist() == [[1, 2], [3, 4]]
 
 
 def test_a_chain_of_scenarios_has_an_end(tmp_path):

@@ -50,18 +50,6 @@ def mine(tmp_path, monkeypatch):
             del sys.modules[module]
 
 
-def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
-    out = tmp_path / "out"
-    found = run_cli("study", str(mine), "--cases", "60", "--backend", "serial", "--out", str(out), "--set", "size=30")
-    assert found.exit_code == 0, found.output
-    assert "How well the mean of some noise is known" in (out / "report.md").read_text()
-    columns = pd.read_csv(out / "columns.csv").set_index("column")
-    rows = pd.read_parquet(out / "table.parquet")
-    assert columns.loc["mean", "mean"] == pytest.approx(rows["mean"].mean(), rel=1e-5)
-    assert columns.loc["good", "mean"] == pytest.approx(rows["good"].mean(), rel=1e-5)
-    assert pd.read_csv(out / "texts.csv")["rows"].tolist() == [30, 30]
-
-
 def test_a_worker_finds_the_file_by_its_folder(mine):
     """As a fresh process does, where neither the module nor its folder is known."""
     study = catalogue.load_study_file(mine).study

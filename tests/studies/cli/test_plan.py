@@ -90,11 +90,6 @@ def test_options_reach_the_plan(run_cli, asked, tmp_path):
     assert list(asked["extras"]) == ["a roll"]
 
 
-def test_built_in_maneuvers_by_default(run_cli, asked):
-    run_cli("plan", "trmm")
-    assert len(asked["extras"]) >= 9
-
-
 def test_the_page_holds_the_tables(run_cli, asked, tmp_path):
     page = tmp_path / "plan.html"
     assert run_cli("plan", "trmm", "--report", str(page)).exit_code == 0

@@ -7,10 +7,8 @@ import socket
 import sys
 import threading
 import time
-import warnings
 from collections import Counter
 from contextlib import contextmanager
-from itertools import cycle, repeat
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ import threadpoolctl
 
 from gyrocal.errors import InputError
 from studies.montecarlo import backends
-from studies.montecarlo.backends import Executor, open_backend
+from studies.montecarlo.backends import open_backend
 from studies.montecarlo.cases import Task, run_cases, run_single_threaded
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import resolve_config
@@ -127,16 +125,6 @@ def test_a_lost_worker_goes_unnoticed_and_after_a_lost_scheduler_the_same_comman
     assert capfd.readouterr() == ("", "")  # not a word of dask's
 
 
-def test_threads_of_a_worker_take_turns(reference, tmp_path):
-    distributed = pytest.importorskip("distributed", reason="dask is an optional extra")
-    config, table = reference
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address="127.0.0.1:0"
-    ) as cluster:
-        outcome = run(DRAWS, config, tmp_path, backend="dask", scheduler=cluster.scheduler_address)
-    assert outcome.table.read_bytes() == table
-
-
 def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path, monkeypatch):
     monkeypatch.setattr("studies.montecarlo.store.PARTS", 5)
     config, _ = reference
@@ -206,19 +194,6 @@ def test_dask_is_optional(monkeypatch):
         open_backend("dask", run_cases, scheduler="tcp://here:1")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"name": "mpi"}, "no such backend; there are serial, loky and dask"),
-        ({"name": "loky", "scheduler": "tcp://here:1"}, "--backend dask and --scheduler .* go together"),
-        ({"name": "dask"}, "--backend dask and --scheduler .* go together"),
-    ],
-)
-def test_options_that_mean_nothing(options, message):
-    with pytest.raises(InputError, match=message):
-        open_backend(run=run_cases, **options)
-
-
 def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):
     """Tasks that the pool's thread has not yet handed to a worker wait when all is stopped, as when the disk is full."""
     raised, hold = [], threading.Event()
@@ -234,28 +209,6 @@ def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):
     assert all(isinstance(future.exception(), pool.deaths) for future in waiting)
 
 
-class Windows(Executor):
-    """Tasks are their own results."""
-
-    def __init__(self, windows):
-        super().__init__(lambda task: task)
-        self.windows = iter(windows)
-
-    def window(self):
-        return next(self.windows)
-
-
-@pytest.mark.parametrize("windows", [repeat(4), cycle([1, 3, 7])])
-def test_no_more_than_a_window_is_in_flight(windows):
-    """Tasks are taken only as results are: with a million of them, memory holds a window, which may grow."""
-    taken, done = [], []
-    for number, result in Windows(windows).results(number for number in range(1000) if not taken.append(number)):
-        assert number == result
-        done.append(number)
-        assert len(taken) - len(done) <= 7
-    assert sorted(done) == list(range(1000))
-
-
 def blas_threads() -> set[int]:
     return {library["num_threads"] for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas"}
 
@@ -266,19 +219,3 @@ def test_a_case_has_one_blas_thread():
             np.ones((2, 2)) @ np.ones((2, 2))
             assert blas_threads() == {1}
         assert blas_threads() == {2}
-
-
-def test_warnings_are_counted_and_afterwards_shown_again():
-    with run_single_threaded() as outer:
-        with run_single_threaded() as inner:
-            warnings.warn("first", RuntimeWarning, stacklevel=1)
-        warnings.warn("second", RuntimeWarning, stacklevel=1)
-    assert (inner, outer) == ({"RuntimeWarning: first": 1}, {"RuntimeWarning: second": 1})
-    with pytest.warns(RuntimeWarning, match="third"):
-        warnings.warn("third", RuntimeWarning, stacklevel=1)
-
-
-def test_a_task_is_plain_and_its_result_does_not_depend_on_its_range():
-    config = DrawsConfig(cases=10)
-    whole, half = (run_cases(task(config, cases)).rows for cases in (range(10), range(5, 10)))
-    assert whole[5:] == half

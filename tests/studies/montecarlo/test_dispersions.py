@@ -1,5 +1,4 @@
 import numpy as np
-import pandas as pd
 import pytest
 from pydantic import TypeAdapter
 from scipy import stats
@@ -14,12 +13,10 @@ from studies.montecarlo.study import (
     StudyConfig,
     dispersed,
     draw_case_values,
-    load_config,
     resolve_config,
     simulate_case_motion,
 )
-from tests.docs.blocks import blocks
-from tests.engine_studies import DRAWS, observed
+from tests.engine_studies import observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
 
@@ -225,30 +222,3 @@ def test_correlated_draws_have_their_covariance_and_leave_the_others(sampler):
 def test_what_is_no_correlation_matrix_is_refused(matrix, message):
     with pytest.raises(ValueError, match=message):
         Correlation(paths=(B0, B1), matrix=matrix)
-
-
-def test_correlations_of_what_is_not_dispersed_are_refused():
-    with pytest.raises(InputError, match="is not dispersed; did you mean"):
-        config({B0: NORMAL}, correlations=JOINED)
-    with pytest.raises(InputError, match="stands twice"):
-        config(SPREAD, correlations=(*JOINED, *JOINED))
-
-
-def test_the_correlated_example_of_the_docs_has_its_correlation(tmp_path):
-    path = tmp_path / "config.toml"
-    path.write_text(blocks("docs/requirements.md", "toml")[0])
-    read = resolve_config(load_config(DRAWS, path, {"scenario": "trmm"}))
-    drawn = np.array([list(draw_case_values(read, case).values()) for case in range(400)])
-    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4 * 0.36 / 20)  # (1 − ρ²)/√n is the standard error
-
-
-def test_other_packages_read_the_rows_as_the_docs_say(tmp_path, capsys):
-    pytest.importorskip("openturns", reason="no dependency of the project")
-    rng = np.random.default_rng(0)
-    arw, b = 10 ** rng.uniform(-4, -3, 500), 1e-4 * rng.standard_normal(500)
-    rows = {"case": range(500), "error": "", "disp:arw": arw, "disp:b": b, "largest_error_ppm": 1e5 * arw * (1 + 1e4 * b) ** 2}
-    pd.DataFrame(rows).to_parquet(tmp_path / "table.parquet")
-    exec(blocks("docs/requirements.md", "python")[0].replace("/tmp/noise", str(tmp_path)), {})
-    indices, probability = capsys.readouterr().out.splitlines()
-    assert indices.startswith("[0.")
-    assert 0.02 < float(probability) < 0.04

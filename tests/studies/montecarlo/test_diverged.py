@@ -35,11 +35,6 @@ def iterates(**differences) -> Iterates:
     return Iterates(**(values | differences))
 
 
-def test_iterations_within_the_linear_range_are_good():
-    good = iterates()
-    assert good.check_convergence() is good
-
-
 @pytest.mark.parametrize(
     ("differences", "reason"),
     [

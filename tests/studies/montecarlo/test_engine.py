@@ -6,19 +6,16 @@ import subprocess
 import sys
 import textwrap
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.montecarlo.engine import open_study_folder, rerun, run
-from studies.montecarlo.study import StudyConfig
 from tests import ROOT
-from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig
+from tests.engine_studies import DRAWS, ODD, STEPS, DrawsConfig, OddConfig
 
 DEADLINE_S = 30.0
 
@@ -56,50 +53,6 @@ def test_the_table_holds_every_case_in_order(tmp_path):
 def parts_of(monkeypatch):
     """Sets the number of parts that a study has at least, and so the cases of a part."""
     return lambda count: monkeypatch.setattr("studies.montecarlo.store.PARTS", count)
-
-
-@pytest.mark.parametrize("count", [3, 1])
-def test_parts_change_nothing_in_the_table(count, parts_of, tmp_path, monkeypatch):
-    monkeypatch.setattr("studies.montecarlo.store.ROW_GROUP", 8)
-    config = DrawsConfig(cases=20, fail=(3,), label=True, size=3)
-    expected = serial(DRAWS, config, tmp_path / "a").table.read_bytes()
-    parts_of(count)
-    outcome = serial(DRAWS, config, tmp_path / "b")
-    assert len(parts(tmp_path / "b")) == count
-    assert outcome.table.read_bytes() == expected
-
-
-def test_manifest(tmp_path):
-    config = DrawsConfig(cases=6, fail=(2,))
-    outcome = serial(DRAWS, config, tmp_path)
-    document = manifest(tmp_path)
-    assert document["status"] == "complete"
-    assert document["study"] == DRAWS.name
-    assert document["config"] == config.model_dump(mode="json")
-    assert document["scenario"]["gyro"]["sample_s"] == 0.5
-    assert document["seeds"]["entropy"] == 1998
-    assert document["failures"] == {"2": "ValueError: case 2 is bad"}
-    assert (document["backend"], document["jobs"], document["done"], document["failed"]) == ("serial", 1, 6, 1)
-    assert document["cpu_s"] == pytest.approx(outcome.cpu_s, abs=1e-3)
-    assert 0 < document["wall_s"] <= outcome.wall_s
-    assert {"numpy", "scipy", "pandas", "gyrocal"} <= document["packages"].keys()
-
-
-def test_progress_is_told_of_what_is_left(parts_of, tmp_path):
-    told = []
-    parts_of(3)
-
-    @contextmanager
-    def progress(label, total, running):
-        told.append(total)
-        yield told.append
-
-    config = DrawsConfig(cases=10, size=3)
-    serial(DRAWS, config, tmp_path, progress=progress)
-    (tmp_path / "parts" / "part-000001.parquet").unlink()
-    serial(DRAWS, config, tmp_path, progress=progress)
-    serial(DRAWS, config, tmp_path, progress=progress)
-    assert told == [10, 4, 4, 2, 4, 4]
 
 
 def test_warnings_are_counted_and_are_not_errors(tmp_path, caplog):
@@ -146,13 +99,6 @@ def test_a_row_that_cannot_be_stored_is_a_failure(value, error, parts_of, tmp_pa
     np.testing.assert_array_equal(outcome.load()["x"], [1.5, np.nan, np.nan, 3.0])
 
 
-def test_a_scenario_that_the_draws_make_invalid_is_a_failure(tmp_path):
-    dispersions = {"interval.1.slew.0.duration_s": {"kind": "uniform", "low": 100.0, "high": 1500.0}}
-    outcome = serial(RECORDED, StudyConfig(cases=12, dispersions=dispersions), tmp_path)
-    assert 0 < len(outcome.failures) < 12
-    assert all("after the interval's 1080 s" in error for error in outcome.failures.values())
-
-
 def test_failed_cases_are_run_again_on_demand_only(parts_of, tmp_path):
     parts_of(3)
     crutch = tmp_path / "crutch"
@@ -191,28 +137,6 @@ def test_a_case_that_differs_is_seen(tmp_path):
     assert rerun(DRAWS, config, 4, tmp_path / "study").same is False
     assert rerun(DRAWS, config, 3, tmp_path / "study").same is True
     assert rerun(DRAWS, config, 3, tmp_path / "other").same is None
-
-
-def test_a_rerun_keeps_the_recording(tmp_path):
-    config = StudyConfig(cases=3, dispersions={"gyro.true_bias_deg_s.0": {"kind": "normal", "sigma": 1e-4, "mode": "offset"}})
-    table = serial(RECORDED, config, tmp_path).load()
-    again = rerun(RECORDED, config, 2, tmp_path)
-    assert again.same is True
-    assert again.recording == tmp_path / "cases" / "case-000002"
-    np.testing.assert_allclose(load_recording(again.recording).gyro.rates.sum(), table["rates"][2], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda folder: rerun(DRAWS, DrawsConfig(cases=4), 4, folder), "case 4: the study has the cases 0 to 3"),
-        (lambda folder: serial(DRAWS, StudyConfig(), folder), "needs a DrawsConfig, not a StudyConfig"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_before_anything_is_run(call, message, tmp_path):
-    with pytest.raises(InputError, match=message):
-        call(tmp_path)
-    assert not list(tmp_path.rglob("*.parquet"))
 
 
 # Resuming
@@ -285,21 +209,6 @@ def test_another_configuration_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "manifest.json").exists()
     assert table.read_bytes() == before
     assert serial(DRAWS, config, tmp_path).resumed == 6
-
-
-def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
-    scenario = tmp_path / "mine.toml"
-    scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
-    config = DrawsConfig(cases=4, scenario=str(scenario))
-    table = serial(DRAWS, config, tmp_path / "study").table.read_bytes()
-    scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 2e-4\n')
-    with pytest.raises(InputError, match=r"\(scenario.gyro.arw_deg_per_sqrt_s: 0.0001 → 0.0002\)"):
-        serial(DRAWS, config, tmp_path / "study")
-    moved = tmp_path / "moved.toml"
-    moved.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
-    same = serial(DRAWS, config.model_copy(update={"scenario": str(moved)}), tmp_path / "study")
-    assert same.resumed == 4
-    assert same.table.read_bytes() == table
 
 
 def test_strange_manifests_are_refused(tmp_path):

@@ -49,9 +49,3 @@ def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(options.os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be written"):
         options.check_writable(tmp_path / "new.json")
-
-
-def test_a_pipe_needs_no_folder_that_can_be_written(tmp_path, monkeypatch):
-    os.mkfifo(tmp_path / "pipe")
-    monkeypatch.setattr(options.os, "access", lambda path, mode: path == tmp_path / "pipe")
-    options.check_writable(tmp_path / "pipe")

@@ -1,7 +1,6 @@
 """Rows of two sources or machines never stand beside each other."""
 
 import importlib
-import json
 import subprocess
 import sys
 import textwrap
@@ -132,15 +131,6 @@ def test_a_resume_elsewhere_is_refused(tmp_path, monkeypatch):
     on_another_machine(monkeypatch, blas="openblas 0.3.30 Zen", numpy="2.0.0")
     with pytest.raises(InputError, match=r"computed elsewhere \(numpy: .* → 2.0.0, blas: .* → openblas 0.3.30 Zen\); choose"):
         run(DRAWS, config, tmp_path, backend="serial")
-
-
-def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
-    config = DrawsConfig(cases=4, size=3)
-    run(DRAWS, config, tmp_path, backend="serial")
-    on_another_machine(monkeypatch, simd="X86_V2")
-    assert run(DRAWS, config, tmp_path, backend="serial").resumed == 4
-    # The manifest still says what made the rows.
-    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == describe_machine()
 
 
 @pytest.mark.parametrize(

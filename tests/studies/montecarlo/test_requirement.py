@@ -98,15 +98,6 @@ def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
     assert "3 of 1000 cases are beyond the limit, among them 1 failed and 1 without a value" in str(answer)
 
 
-def test_truth_values_are_numbers_and_texts_are_not():
-    good = np.array([True] * 300, dtype=object)
-    assert Requirement.parse("p1(good)>0.5").judge(rows(np.ones(300), good=good)).outcome == "met"
-    with pytest.raises(InputError, match="holds no numbers"):
-        Requirement.parse("p1(good)>0.5").judge(rows(np.ones(3), good=["a"] * 3))
-    with pytest.raises(InputError, match="did you mean good"):
-        Requirement.parse("p1(god)>0.5").judge(rows(np.ones(3), good=True))
-
-
 def test_cases_that_depend_on_each_other_are_refused():
     spread = {"gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-4, "mode": "offset"}}
     check_independent(StudyConfig(dispersions=spread), "--require")

@@ -77,15 +77,6 @@ def test_a_configuration_file(tmp_path):
         load_config(DRAWS, path, {"entropy": 3})
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"scenario": "nowhere"}, {"overrides.gyro.no": 1.0}, {"overrides.gyro.sample_s": -1.0}, {f"dispersions.{PATH}.0": NORMAL}],
-)
-def test_a_scenario_that_cannot_be_used_is_refused(changes):
-    with pytest.raises(InputError):
-        resolve_config(load_config(DRAWS, None, changes))
-
-
 def test_a_resolved_configuration_survives_its_json_bit_for_bit():
     ready = resolve_config(DrawsConfig(dispersions={PATH: NORMAL}, overrides={"gyro.arw_deg_per_sqrt_s": 0.1 + 0.2}))
     again = DrawsConfig.model_validate_json(ready.model_dump_json())
@@ -143,20 +134,3 @@ def test_the_axes_of_a_grid_say_how_many_cases_there_are():
     assert smaller.cases == 2
     # A worker gets the configuration as JSON.
     assert Grid.model_validate_json(resolve_config(smaller).model_dump_json()).cases == 2
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"cases": 50}, "cases: the grid has 6 points, one a case; change them by sizes and steps_s"),
-        ({f"dispersions.{PATH}": NORMAL}, "the points of a grid are not dispersed"),
-    ],
-)
-def test_what_a_grid_cannot_be_told_is_one_line(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        load_config(GRID, None, changes)
-    assert "\n" not in str(caught.value)
-
-
-def test_the_number_of_cases_is_in_the_hash_of_a_grid():
-    assert hash_config(GRID, resolve_config(Grid())) != hash_config(GRID, resolve_config(Grid(sizes=(1, 2))))

@@ -36,23 +36,6 @@ def test_verdict(check, verdict):
     assert checks.format_checks([check])["verdict"].tolist() == [verdict]
 
 
-def test_bounds_are_shown_as_what_is_asked():
-    found = checks.format_checks(
-        [
-            Check("a", 1.0, (0.5, 1.5)),
-            Check("b", 1.0, (0.5, 1.5), outside=True),
-            Check("c", 1.0, bound_above(2)),
-            Check("d", 1.0, bound_below(2)),
-            Check("e", 3, (3, 3)),
-            Check("f", "yes", "no", outside=True),
-            Check("g", 1.0),
-        ]
-    )
-    asked = ["0.5 to 1.5", "outside 0.5 to 1.5", "at most 2", "at least 2", "3", "not no", "–"]
-    assert found["asked"].tolist() == asked
-    assert found["value"].tolist() == ["1", "1", "1", "1", "3", "yes", "1"]
-
-
 def test_extremes_leave_out_what_is_not_known():
     smallest, largest = checks.check_extremes("order", [1.1, math.nan, 0.9], (0.95, 1.2))
     assert (smallest.value, smallest.verdict) == (0.9, "fail")

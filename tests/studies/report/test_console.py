@@ -1,23 +1,9 @@
 import io
-import re
 import threading
-from itertools import count
 
 from rich.console import Console
 
 from studies.report import console
-
-
-def test_a_bar_on_a_terminal(monkeypatch):
-    written = io.StringIO()
-    clock = count(0.0, 0.5)
-    terminal = Console(file=written, force_terminal=True, width=120, get_time=lambda: next(clock))
-    monkeypatch.setattr(console, "Console", lambda **options: terminal)
-    with console.show_progress("cases", 3) as advance:
-        for _ in range(3):
-            advance(1)
-    assert "3/3" in written.getvalue()
-    assert re.search(r"\d\.\d/s", written.getvalue())
 
 
 def test_a_line_a_minute_elsewhere(monkeypatch):

@@ -7,7 +7,6 @@ from html import escape
 
 import pandas as pd
 import pytest
-from markupsafe import Markup
 
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
 from tests import ROOT
@@ -48,14 +47,6 @@ def test_what_is_said_is_text(name):
     page = PAGES[name].render_html()
     assert "<script" not in page
     assert escape(SAID).replace("&quot;", "&#34;") in page.replace("&quot;", "&#34;")
-
-
-def test_a_cell_of_markup_stays_so_and_numbers_are_at_the_right():
-    frame = pd.DataFrame({"size_deg": [1.25, 2.5], "what": [Markup("<b>1</b>"), "x"]}, dtype=object)
-    page = Page("t", [Section("s", [PageTable(frame, [False, True])])]).render_html()
-    assert '<th scope="col" class="number">size (deg)</th><th scope="col">what</th>' in page
-    assert '<tr><td class="number">1.25</td><td><b>1</b></td></tr>' in page
-    assert '<tr class="strong"><td class="number">2.5</td>' in page
 
 
 def test_a_figure_is_within_the_page():

@@ -36,13 +36,6 @@ def drawn(panel):
     return axes
 
 
-@pytest.mark.parametrize("name", PANELS)
-def test_bytes_do_not_change(name, tmp_path):
-    draw = panels.build_sheet(PANELS[name], PANELS[name], size=(4, 2), title="twice", sharey=True)
-    first, second = (draw(tmp_path / f"{k}.svg").read_bytes() for k in range(2))
-    assert first == second
-
-
 def test_curves_have_their_lines_levels_and_scales():
     axes = drawn(PANELS["curves"])
     assert axes.get_xscale() == axes.get_yscale() == "log"

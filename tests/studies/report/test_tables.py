@@ -70,17 +70,3 @@ def test_a_report_is_written_and_shown_by_names(tmp_path):
     entry.show(made, Console(file=out, width=120))
     assert out.getvalue().index("Short") < out.getvalue().index("largest error")
     assert made.check("largest error").verdict == "pass"
-
-
-def test_what_a_terminal_has_no_room_for_is_named():
-    """Numbers are whole or left out, texts are folded."""
-    table = pd.DataFrame({"name": ["a text of words " * 4]} | {f"number_{k}": [1234.5 + k] for k in range(9)})
-    for width in (70, 200):
-        console = Console(file=io.StringIO(), width=width)
-        tables.print_table(console, "Wide", table)
-        shown = console.file.getvalue()
-        assert "…" not in shown
-        assert max(map(len, shown.splitlines())) <= width
-        for k in range(9):
-            assert (f"{1234.5 + k:g}" in shown) != (f"number {k}" in " ".join(shown.partition("left out")[2].split()))
-        assert ("left out" in shown) == (width == 70)

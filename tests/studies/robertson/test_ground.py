@@ -88,11 +88,6 @@ def test_the_factor_is_that_of_the_logarithms():
     assert [len(groups[name]) for name in ("factor_18", "factor_12", "factor_6", "factor_unfitted")] == [18, 12, 6, 15]
 
 
-def test_sizes_are_fitted_on_one_period():
-    assert {number[2] for rung in ladder.RUNGS for number in rung.fitted} == {PERIODS[2]}
-    assert all(number in WINDOW_NUMBERS for rung in ladder.RUNGS for number in rung.fitted)
-
-
 def test_the_best_elevation_touches_the_limb():
     """Availability rises up to the elevation at which the field's edge is the limb, and falls beyond."""
     angles = np.deg2rad([5.0, 20.0, 40.0])

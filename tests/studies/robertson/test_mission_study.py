@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulator import scenario as scenarios
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import (
     DAY,
@@ -25,11 +24,9 @@ from simulator.mission_mode.mounting import BORESIGHTS, R3_M
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
 from simulator.truth.orbit import compute_lvlh_attitude
-from studies.natanson import flight_gap
 from studies.robertson import ground, performance, published_tables
 from studies.robertson.calendar import (
     FIRST_DAYS,
-    PERIODS,
     YAW_MANEUVER_TIMES,
     build_slew_config,
     convert_to_mission_day,
@@ -40,7 +37,6 @@ from studies.robertson.runs import SLEW_TABLES
 BASE = MissionConfig()
 AXES = published_tables.ROTATION_NAMES
 EMPTY = pd.DataFrame()
-RNG = np.random.default_rng(5)
 
 
 def middle(period):
@@ -63,18 +59,6 @@ def run_of(orbits=(), updates=()):
     table = pd.DataFrame(rows, columns=["t_s", "forward", "update_deg"])
     frame = pd.DataFrame(list(orbits), columns=list(orbit("precalibration")))
     return MissionRun(EMPTY, table, EMPTY, frame)
-
-
-def test_the_flights_numbers_are_as_published():
-    assert [published_tables.read_published_performance("yaw_update_deg", "yaw", period) for period in PERIODS] == [
-        0.24,
-        0.10,
-        0.04,
-    ]
-    assert published_tables.read_published_performance("attitude_accuracy_deg", "roll", "postcalibration") == 0.029
-    assert np.isnan(published_tables.read_published_performance("gyro_bias_std_deg_h", "x", "precalibration"))
-    assert published_tables.read_published_slew_error("roll", "precalibration") == 0.24844
-    assert [published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
 
 
 def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
@@ -106,18 +90,6 @@ def test_periods_are_the_flights():
     assert FIRST_DAYS["precalibration"][0] == BASE.epoch
     table = pd.DataFrame({"t_s": [start * DAY, stop * DAY - 1, stop * DAY]})
     assert len(performance.select_period(table, "calibration1")) == 2
-
-
-def test_table3_has_seeds_and_difference():
-    runs = [run_of([orbit("postcalibration", rms_knowledge_yaw_deg=v)] * 2) for v in (0.03, 0.05)]
-    row = (
-        performance.build_performance_table(runs)
-        .query("parameter == 'attitude_accuracy_deg' and axis == 'yaw'")
-        .set_index("period")
-    )
-    found = row.loc["postcalibration", ["flight", "simulated", "lowest", "highest", "simulated_minus_flight"]].astype(float)
-    assert found.to_numpy() == pytest.approx([0.026, 0.04, 0.03, 0.05, 0.014])
-    assert np.isnan(row.loc["precalibration", "simulated"])  # nothing flown then
 
 
 @pytest.mark.parametrize(("knowledge", "met"), [(0.066, True), (0.067, False)])
@@ -158,28 +130,6 @@ def test_solved_bias_is_r8():
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
     assert apart[2] * ground.DEG_H_PER_RAD_S == pytest.approx(0.546, abs=0.001)
-
-
-def test_biases_of_runs_are_those_of_the_formula():
-    """Made of the formula, with a scatter whose mean the standard error covers."""
-    rows = []
-    for period, G in performance.USED_G.items():
-        for forward in ("+x", "-x"):
-            expected = performance.compute_solved_bias(G, forward) * ground.DEG_H_PER_RAD_S
-            for _ in range(50):
-                values = expected + 0.01 * RNG.normal(size=3)
-                rows.append(
-                    orbit(period, forward, **{f"apparent_bias_{a}_deg_h": v for a, v in zip(AXES, values, strict=True)})
-                )
-    table = performance.build_apparent_bias_table([run_of(rows)])
-    assert len(table) == 2 * 3 * 3
-    pulls = table["simulated_minus_formula_deg_h"] / table["standard_error_deg_h"]
-    assert pulls.abs().max() < 4
-    assert np.allclose(table.loc[table["forward"] != "-x minus +x", "standard_error_deg_h"], 0.01 / np.sqrt(50), rtol=0.5)
-    wrong = performance.build_apparent_bias_table(
-        [run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])]
-    )
-    assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
 
 
 MANEUVER_STEPS = 5000  # of the maneuver; leaves 1e-6 deg
@@ -251,35 +201,6 @@ def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
         assert np.abs(miss - solved).max() < 0.012
         assert np.abs(miss - published).max() > 0.03  # negative control: another yaw bias is another miss
     assert np.abs(miss[:2] - solved[:2]).max() < 0.012
-
-
-@pytest.mark.parametrize(("maneuver", "k"), [("+x to -x", 1), ("-x to +x", 5)])
-def test_noise_free_miss_is_that_of_the_calibrators_simulation(maneuver, k):
-    """N's intervals 2 and 6, predicted with other slews, 0.03° apart for their timing; the other maneuver is further."""
-    predicted = flight_gap.predict_residuals(scenarios.load("trmm"))[k]
-    found = compute_noise_free_miss(maneuver, "calibration1", solved=False)
-    other = compute_noise_free_miss(next(name for name in YAW_MANEUVER_TIMES if name != maneuver), "calibration1", solved=False)
-    assert np.abs(found - predicted).max() < 0.04 < np.abs(other - predicted).max()
-
-
-def test_table2_and_its_gap():
-    rows = pd.DataFrame(
-        [
-            {
-                "maneuver": m,
-                "tables": t,
-                "seed": k,
-                **{f"{a}_deg": published_tables.read_published_slew_error(a, performance.R_PHASE[t]) + 0.1 * k for a in AXES},
-            }
-            for m in YAW_MANEUVER_TIMES
-            for t in SLEW_TABLES
-            for k in (0, 1)
-        ]
-    )
-    table = performance.build_slew_table(rows)
-    assert table["simulated_minus_flight_deg"].to_numpy() == pytest.approx(0.05)
-    assert table["std_deg"].to_numpy() == pytest.approx(0.1 / np.sqrt(2))
-    assert performance.compute_slew_gaps(table) == pytest.approx(dict.fromkeys(YAW_MANEUVER_TIMES, 0.05))
 
 
 def test_targeting_has_rs_sign():

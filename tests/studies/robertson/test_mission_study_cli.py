@@ -61,22 +61,6 @@ def test_mission_writes_its_tables(run_cli, tmp_path):
     assert "✗" not in result.stdout.split("Knowledge and")[0]
 
 
-def test_uncalibrated_misses_are_marked(run_cli, tmp_path):
-    """The same day with the tables of launch: negative control of the mark."""
-    result = run_cli("mission", str(tmp_path / "out"), "--days", "0.2")
-    assert result.exit_code == 0
-    assert "knowledge yaw" in next(line for line in result.stdout.splitlines() if "✗" in line)
-
-
-def test_tables_are_replaced_only_by_force(run_cli, tmp_path):
-    arguments = ("mission", str(tmp_path / "out"), "--days", "0.01")
-    assert run_cli(*arguments).exit_code == 0
-    refused = run_cli(*arguments)
-    assert refused.exit_code == 2
-    assert "--force" in refused.stderr
-    assert run_cli(*arguments, "--force").exit_code == 0
-
-
 def test_stretches_are_weighted_by_samples_and_end_with_the_run():
     """Two orbits of very different length: the RMS is that of all samples together."""
     names = ("rms_knowledge", "rms_error", "jitter")

@@ -149,16 +149,6 @@ def test_estimated_noise_is_the_injected(imported):
     np.testing.assert_allclose(imported.recording.gyro.apriori_bias, BIAS, atol=np.deg2rad(0.01), rtol=0.01)
 
 
-def test_intervals_reach_from_rest_to_rest_with_references_inside(trial, imported):
-    recording = imported.recording
-    assert [interval.name for interval in recording.intervals] == ["motion 1", "motion 2", "motion 3"]
-    starts = [interval.start_s for interval in recording.intervals]
-    np.testing.assert_allclose(starts, [10, 38, 66], atol=0.01)
-    samples = np.rint(recording.attitudes.t_s / SAMPLE_S).astype(int)
-    assert trial.tracked[samples].all()
-    assert np.count_nonzero(~imported.still) > 45
-
-
 def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
     trial = as_trial(trial_frame(phases=((12, 88),)))
     names = [cut[0] for cut in broad.cut_trial(trial)]
@@ -185,12 +175,6 @@ def test_a_time_offset_is_stated_and_undone(trial):
     assert moved.gyro.t_s[0] == pytest.approx(5 * SAMPLE_S)
     with pytest.raises(InputError, match="less than the 99"):
         broad.build_recording(late, attitude_offset_s=np.inf)
-
-
-def test_time_offset_does_not_swell_the_sigmas(trial, imported):
-    """Two samples at 150 deg/s are one degree; the sigma is some hundredths."""
-    late = broad.Trial(trial.name, SAMPLE_S, np.roll(trial.rates, 2, axis=0), trial.force, trial.quaternions, trial.moving)
-    np.testing.assert_allclose(broad.build_recording(late).sigma_motion, imported.sigma_motion, rtol=0.6)
 
 
 def test_command_writes_a_recording_that_calibrates(run_import, trial_file, tmp_path):

@@ -10,8 +10,7 @@ from studies.montecarlo.study import Streams, load_config
 from studies.report import entry
 from studies.validation import broad, real_gyro
 from studies.validation.real_gyro import STUDY, RealConfig
-from tests import SHARED
-from tests.studies.validation.test_broad import REAL, SAMPLE_S, trial_frame, write
+from tests.studies.validation.test_broad import SAMPLE_S, trial_frame, write
 
 LATE = 3  # samples
 SHAPE = pd.DataFrame(  # of two trials without a diagnosis
@@ -52,14 +51,6 @@ def test_the_delay_of_the_gyro_is_identified_and_closes_the_misfit(rows):
     assert steps["closed"][1] + steps["closed"][2] == pytest.approx(1.0)
 
 
-def test_predictions_have_the_three_horizons(rows):
-    predictions = real_gyro.select_rows(rows, "prediction")
-    assert predictions["horizon_s"].tolist() == [1.0, 5.0, 20.0]
-    assert (predictions["predictions"] > 10).all()
-    axes = predictions[["normalised_x", "normalised_y", "normalised_z"]].to_numpy()
-    np.testing.assert_allclose(predictions["normalised_rms"], np.sqrt(np.square(axes).mean(axis=1)))
-
-
 def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path):
     made = real_gyro.build_report(RealConfig(folder=str(folder)), rows)
     (shown,) = made.tables["trials"].get_shown_data().to_dict("records")
@@ -88,21 +79,3 @@ def test_absent_trials_are_one_line(folder, tmp_path):
         with pytest.raises(InputError, match=r"no trial (at all|99_none) in .*docs/validation.md") as fault:
             load_config(STUDY, None, changes)
         assert "\n" not in str(fault.value)
-
-
-def test_trials_elsewhere_need_none_at_the_usual_place(folder, monkeypatch):
-    monkeypatch.setattr(RealConfig.model_fields["folder"], "default", str(folder / "nowhere"))
-    RealConfig.model_rebuild(force=True)
-    try:
-        config = load_config(STUDY, None, {"folder": str(folder)})
-    finally:
-        monkeypatch.undo()
-        RealConfig.model_rebuild(force=True)
-    assert config.points() == ("01_late",)
-    assert config.cases == 1
-
-
-@pytest.mark.skipif(not REAL, reason="the BROAD trials are not beside this checkout; their licence keeps them out of it")
-def test_cases_are_the_trials_of_the_folder_by_name():
-    config = RealConfig(folder=str(SHARED / "real" / "broad"))
-    assert [config.file(number) for number in range(config.cases)] == [path.resolve() for path in REAL]
