@@ -42,13 +42,6 @@ def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
     assert closed == pytest.approx((misfit[0] - misfit[1]) / (misfit[0] - 1.0))
 
 
-def test_a_remainder_alone_names_nothing():
-    found = explained(6)
-    assert found.attribution.slots == ()
-    assert found.closed is None
-    assert found.remainder.share == pytest.approx(1.0)
-
-
 def test_the_share_closed_is_that_of_the_sums_over_all_parts():
     squares = np.array([[30.0, 12.0], [26.0, 11.0], [34.0, 13.0]])
     held = HeldOut(squares, squares, np.array([10.0, 10.0, 10.0]), ("a", "b", "c"))

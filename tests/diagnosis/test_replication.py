@@ -13,15 +13,6 @@ def combined(sizes, sigmas):
     return combine_parts(NAMES[: len(sizes)], np.array(sizes, dtype=float), np.diag(np.square(sigmas)), t_s)
 
 
-def test_sizes_that_agree_have_the_weighted_mean():
-    found = combined([1.0, 1.1, 0.9], [0.1, 0.2, 0.2])
-    weights = np.array([100.0, 25.0, 25.0])
-    assert found.mean == pytest.approx(weights @ [1.0, 1.1, 0.9] / weights.sum())
-    assert found.sigma == pytest.approx(weights.sum() ** -0.5)
-    assert found.heterogeneity_p > 0.5
-    assert found.spread == 0
-
-
 def test_a_part_that_shows_nothing_is_left_out():
     found = combined([1.0, 1.1, 50.0], [0.1, 0.1, 100.0])
     assert [one.part for one in found.parts] == NAMES[:2]

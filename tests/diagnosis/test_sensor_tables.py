@@ -1,13 +1,11 @@
 """Diagnoses of raw sensor tables: what nominal sensors show, what is named, and what is not."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.diagnose import _join_posteriors
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.tables import build_sensor_model, build_tables, estimate_sensor_noise
@@ -111,15 +109,6 @@ def test_what_is_on_no_list_is_unknown(how):
     assert not found.causes
     assert found.unknown_probability > 0.9
     assert any("times what is stated" in note for note in found.notes) == (how == "noise")
-
-
-def test_both_posteriors_are_one(head):
-    """Explanations of the attitude and of the tables are independent, and what is unknown to one is unknown to both."""
-    attitude = SimpleNamespace(posterior=((("bias_drift:z",), 0.9), (("unknown",), 0.1)))
-    (first, rest) = _join_posteriors(attitude, replace(head, posterior=((("dss_head:2",), 1.0),)))
-    assert first == (("bias_drift:z", "dss_head:2"), pytest.approx(0.9))
-    assert rest == (("unknown",), pytest.approx(0.1))
-    assert head.posterior[0][0] == ("dss_head:2",)
 
 
 def thin_out(recording):

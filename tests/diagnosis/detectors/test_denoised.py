@@ -23,16 +23,6 @@ def test_a_sway_is_kept_at_any_size(amplitude):
     assert error < 0.6 * (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std()
 
 
-def test_slews_between_rests_are_as_good_as_with_local_quadratics():
-    t = np.arange(N)
-    slew = np.interp(t, [0, 2000, 2100, 3000, 3100, N], [0, 0, 5.0, 5.0, 0, 0])
-    motion, level = np.column_stack([slew, 0 * slew, -slew]), np.full(3, SIGMA)
-    error = (remove_interval_noise(noisy(motion), SAMPLE_S, level) - motion).std(axis=0)
-    local = (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std(axis=0)
-    assert (error[[0, 2]] <= 1.05 * local[[0, 2]]).all()
-    assert error[1] < 0.1 * SIGMA
-
-
 def test_degrees_of_freedom_are_the_share_of_the_noise_that_is_kept():
     """Σ covariance of estimate and noise over σ², by 60 draws."""
     motion = 0.5 * np.sin(2 * np.pi * 1.3 * SAMPLE_S * np.arange(2000))

@@ -28,13 +28,6 @@ def test_a_body_that_turns_back_repeats_no_reading_by_a_fault(step):
         assert _stale(x) is None or _stale(x).p_value > 1e-6
 
 
-def test_faults_on_a_lattice_still_show():
-    x = np.round(swaying(1) / 2.0) * 2.0
-    for place in np.random.default_rng(2).choice(np.arange(1, SAMPLES - 3), 60, replace=False):
-        x[place : place + 2] = x[place - 1]
-    assert _stale(x).p_value < 1e-6
-
-
 def _stale(x):
     return find_repeats(x, np.ones(len(x), dtype=bool))
 

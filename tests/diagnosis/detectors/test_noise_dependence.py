@@ -55,12 +55,6 @@ def test_noise_that_grows_with_the_rate_is_unlisted():
     assert all(one.likeness == found.p_value for one in levels if one.axis == "y")
 
 
-def test_noise_of_another_level_depends_on_nothing():
-    report = examined(np.random.default_rng(5), lambda motion: np.full_like(motion, 1.5))
-    assert [one.kind for one in report.symptoms] == ["white_noise_level"]
-    assert report.symptoms[0].likeness == 1.0
-
-
 def test_a_body_that_shakes_with_the_motion_is_no_fault_of_a_gyro():
     report = examined(np.random.default_rng(6), lambda motion: 1 + np.abs(motion[:, :1]) / 3000 * np.ones(3))
     assert max(p_values(report).values()) < 1e-10

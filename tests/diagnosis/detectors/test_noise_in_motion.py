@@ -87,16 +87,6 @@ def test_jerks_are_no_noise():
 # ---- noise that is not as stated -----------------------------------------------------------------------------------------
 
 
-def test_more_white_noise_is_found_by_what_the_samples_can_show():
-    """Three per cent over 60,000 samples: the best that all of the spectrum could show is 10 sigmas, and this has 7."""
-    rng = np.random.default_rng(12)
-    p = [found_in(1.03 * rng.standard_normal(60_000) + swing(60_000)).p_value for _ in range(10)]
-    assert np.mean(np.array(p) < 1e-5) >= 0.8
-    one = found_in(1.025 * rng.standard_normal(60_000) + steps(rng, 60_000, 600))
-    assert one.p_value < 1e-3
-    assert abs(one.variance - 1.025**2) < 4 * one.sigma
-
-
 def bends(rng, count, size):
     """A motion whose second derivative is white noise, all the time: in the slower cosines of all blocks."""
     return np.cumsum(np.cumsum(size * rng.standard_normal(count)))

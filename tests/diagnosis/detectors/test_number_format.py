@@ -51,18 +51,6 @@ def test_readings_of_one_sign_and_rests_in_one_bin_leave_the_format_open():
     assert odds(np.trunc(0.1 * rng.standard_normal(5000)), 0.1) == dict.fromkeys(FORMATS, 0.0)
 
 
-def test_rests_between_turns_say_nothing_of_the_format():
-    """A body that goes from a fast turn to a rest within some samples, and on, is at zero for longer than it passes ±1."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        turns = rng.choice([-300.0, 300.0], 400) * rng.uniform(0.5, 1.0, 400)
-        stops = rng.integers(3, 8, 400)
-        rate = np.concatenate(
-            [np.append(turn * np.sin(np.linspace(0, np.pi, 15)), np.zeros(n)) for turn, n in zip(turns, stops, strict=True)]
-        )
-        assert abs(odds(np.round(rate + 0.6 * rng.standard_normal(rate.size)), 0.6)["cut"]) < 3
-
-
 @pytest.mark.parametrize("pace", [1.0, 20.0])
 def test_sweeps_through_zero_tell_the_format_also_in_a_fraction_of_a_sample(pace):
     rng = np.random.default_rng(int(10 * pace))

@@ -47,24 +47,6 @@ def test_steps_of_the_rate_are_no_spikes():
     assert not [one for one in report.symptoms if one.kind.startswith("outlier")]
 
 
-def jolted(width):
-    """A body whose slow swing is struck at random: each stroke rings on for a few samples, as a structure's does."""
-    rng = np.random.default_rng(0)
-    n, since = 14_400, np.arange(60)
-    rates = 0.02 * np.sin(2 * np.pi * SAMPLE_S * np.arange(n)[:, None] / np.array([17.0, 23.0, 31.0]))
-    for axis in range(3):
-        strokes = np.cumsum(rng.exponential(60.0, n // 30)).astype(int)
-        for at in strokes[strokes < n - 80]:
-            height, period = 40 * SIGMA * rng.standard_normal(), width * rng.uniform(0.5, 2.0)
-            rates[at : at + since.size, axis] += height * np.sin(2 * np.pi * since / period) * np.exp(-since / period)
-    return of_rates(rates, 40, SAMPLE_S, ARW, 3e-4, 1)
-
-
-@pytest.mark.parametrize("width", [3.0, 8.0])
-def test_a_jolted_body_that_rings_has_no_outliers(width):
-    assert not [one for one in examine(jolted(width)).symptoms if one.kind.startswith("outlier")]
-
-
 @pytest.mark.skipif(not (SHARED / "real").exists(), reason="the real recordings are not there")
 def test_quick_motion_of_a_real_body_is_no_spike():
     """The rate changes by tens of deg/s from sample to sample, and unevenly."""

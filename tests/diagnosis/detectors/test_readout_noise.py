@@ -40,16 +40,6 @@ def test_both_together_are_both_found():
         assert abs(found.white - 4 * SIGMA**2) < 4 * found.white_sigma
 
 
-def test_noise_of_another_colour_is_none():
-    """Twice differenced white noise rises as f⁴, and a mean of two samples falls."""
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        steep = drawn(seed) + SIGMA * np.diff(rng.standard_normal(SAMPLES + 2), n=2)
-        soft = 2 * np.convolve(drawn(seed, white=1.5), [0.5, 0.5], mode="same")
-        assert found_in(steep) is None
-        assert found_in(soft) is None
-
-
 def test_it_is_named_and_not_an_excess_of_white_noise():
     """On TRMM's plan at a sample of two seconds, about half the white noise of a sample: 0.4 arcsec."""
     answer = diagnose(recorded(20, "noise_angle_white:y=0.4"))

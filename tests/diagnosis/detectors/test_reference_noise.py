@@ -35,13 +35,6 @@ def test_an_error_that_follows_the_motion_is_no_noise():
     assert np.abs((left.factor - 1) / left.sigma).max() < 4
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.02])
-def test_noise_of_another_level_stays_so_without_the_motion(delay):
-    left = level_of(excess=1.4, delay=delay, motion=MOTION)
-    assert left.departs
-    assert np.abs((left.factor - 1.4) / left.sigma).max() < 4
-
-
 @pytest.mark.parametrize(
     ("excess", "axis"),
     [((0.88, 3.0, 1.12), 1), ((2.9, 3.1, 3.0), None), ((1.0, 1.0, 0.4), 2)],

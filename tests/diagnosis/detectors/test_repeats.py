@@ -32,7 +32,3 @@ def test_readings_of_which_chance_repeats_nearly_all_tell_no_fault():
     t = np.arange(SAMPLES)
     readings = np.trunc(3.0 * np.sin(2 * np.pi * t[:, None] / np.array([1700.0, 2300.0, 3100.0])))
     assert find_repeats(readings, np.ones(SAMPLES, dtype=bool)) is None
-
-
-def test_few_samples_tell_nothing():
-    assert find_repeats(held(0.3)[0][:400], np.ones(400, dtype=bool)) is None

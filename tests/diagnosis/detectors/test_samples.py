@@ -9,7 +9,6 @@ import scipy.special
 
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, undo_lattice
-from diagnosis.detectors.sample_noise import estimate_local_noise
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -86,30 +85,6 @@ def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, moving):
     assert min(p) > 1e-5
 
 
-def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
-    """What its fit leaves is no second line, and lines of slow motions are counted apart."""
-    recording = _recording(plan, truth, 4)
-    t = recording.gyro.t_s
-    slow = sum(np.deg2rad(0.02 / k) * np.sin(2 * np.pi * (0.011 * k) * t + k) for k in range(1, 8))
-    tone = np.deg2rad(0.05) * np.sin(2 * np.pi * 0.41 * t)
-    rates = recording.gyro.rates + np.column_stack([slow + tone, tone, 0 * t])
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert [line.axis for line in report.lines if abs(line.frequency_hz - 0.41) < 0.02] == [0, 1]
-    assert [line.frequency_hz for line in report.lines if line.axis == 1] == [pytest.approx(0.41, abs=1e-4)]
-
-
-def test_filler_is_no_repeat(plan, truth):
-    """Runs of a value that was never measured, such as zeros in place of lost samples, are not stale telemetry."""
-    recording = _recording(plan, truth, 3)
-    rates = recording.gyro.rates.copy()
-    rng = np.random.default_rng(5)
-    for start in rng.choice(len(rates) - 20, 120, replace=False):
-        rates[start : start + 4] = np.deg2rad(0.01)
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert "filled_samples" in [found.kind for found in report.symptoms]
-    assert "repeats" not in [found.kind for found in report.symptoms]
-
-
 @pytest.mark.parametrize("kind", ["rounded", "cut"])
 def test_mean_reading_against_draws(kind):
     rng = np.random.default_rng(6)
@@ -181,16 +156,3 @@ def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert {(one.kind, one.axis) for one in report.symptoms} <= {("readout_noise", "y")}
     assert report.noise_factor[[0, 2]] == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.2])
-def test_the_noise_of_samples_is_that_of_those_that_were_measured(share):
-    """What bridges stale samples is smoother than they are, and would make six sigmas of the others five."""
-    rng = np.random.default_rng(4)
-    rates, filled = rng.standard_normal((20000, 3)), rng.random(20000) < share
-    t = np.arange(20000.0)
-    for axis in range(3):
-        rates[filled, axis] = np.interp(t[filled], t[~filled], rates[~filled, axis])
-    found = estimate_local_noise(rates, 1.0, np.zeros(3, dtype=bool), np.zeros(3), filled)
-    count = np.sum(~filled) if share == 0 else 20000 * (1 - share) ** 7
-    np.testing.assert_allclose(found, 1.0, atol=5 * np.sqrt(6.3 / count))

@@ -19,8 +19,3 @@ def test_sets_grow_with_the_limit():
     assert build_conformal_set(POSTERIOR, 0.0) == ("a + b",)
     assert build_conformal_set(POSTERIOR, 0.7) == ("a + b", "a")
     assert build_conformal_set(POSTERIOR, 0.9) == ("a + b", "a", "unknown")
-
-
-def test_one_clear_answer_is_alone_beside_many_small_ones():
-    many = [(["a"], 0.6), *(([str(k)], 0.1) for k in range(4))]
-    assert build_conformal_set(many, 0.8) == ("a",)

@@ -7,7 +7,6 @@ import scipy.stats
 
 from diagnosis.inference import evidence
 from diagnosis.inference.evidence import average_evidence, log_bayes
-from diagnosis.model.linear import choose_scales
 
 
 def test_log_bayes_is_the_ratio_of_normal_densities():
@@ -66,12 +65,3 @@ def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(posi
         inverse.append(np.exp(-average_evidence(log_bayes(gram, (X.T @ y)[:, None], scales, positive), np.log(weights))))
     assert abs(np.mean(inverse) - 1) < 4 * np.std(inverse) / np.sqrt(4000)
     assert np.std(inverse) / np.sqrt(4000) < 0.03
-
-
-def test_scales_hold_only_what_is_visible_and_plausible():
-    assert choose_scales(0.0, (1.0, 2.0)).size == 0
-    assert choose_scales(1e-6, (1.0, 2.0)).size == 0  # nothing plausible could be seen
-    scales = choose_scales(10.0, (0.01, 5.0))
-    assert scales.min() == pytest.approx(0.1)
-    assert scales.max() == pytest.approx(5.0)
-    assert np.allclose(np.diff(np.log(scales)), np.log(scales[1] / scales[0]))

@@ -27,10 +27,6 @@ def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
     assert found.to_json()["side"] == {"name": "gyro", "probability": pytest.approx(0.65)}
 
 
-def test_a_place_of_effects_without_an_axis_has_none():
-    assert compute_levels({0: 1.0}, (named("time_offset"),), EFFECTS).axis is None
-
-
 @pytest.mark.parametrize(
     ("effect", "side", "character"),
     [

@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.null import compute_null_p
-from diagnosis.inference.search import SCREEN_COLUMNS, Search
+from diagnosis.inference.search import Search
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
 from tests.diagnosis.linear_models import SCALES, linear_model
@@ -71,18 +71,6 @@ def test_null_statistic_of_many_is_that_of_each():
         expected = np.log(sum(np.exp(e.log_evidence + model.candidates[next(iter(e.key))].log_prior) for e in singles))
         assert together[k] == pytest.approx(expected, abs=1e-9)
         assert search.compute_observed_statistic() == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_second_effect_is_found_whose_late_columns_carry_it():
-    """Screening with the first columns only is for processes, whose columns are sorted by their strength."""
-    rng = np.random.default_rng(12)
-    first = rng.standard_normal((300, 1))
-    other = [first + 0.5 * rng.standard_normal((300, 1)) for _ in range(40)]
-    late = rng.standard_normal((300, 31))
-    y = 4 * first[:, 0] + late[:, -1] + rng.standard_normal(300)
-    model = linear_model([first, *other, late], y, changes={41: {"scales": np.ones(1)}})
-    search = Search(model)
-    assert search.list_children(search.score_singles()[0], most=SCREEN_COLUMNS)[0].key == {0, 41}
 
 
 def test_p_value_is_uniform_under_m0_and_small_with_an_effect():

@@ -5,7 +5,6 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.amplitudes import fit
-from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.joint_search import JointSearch
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Candidate, Fold, LinearModel, ParameterChoice, SelectedCandidate
@@ -67,17 +66,3 @@ def test_amplitudes_are_those_of_what_the_shift_leaves(model):
     np.testing.assert_allclose(both.contribution, C @ expected + X[:, 5])
     np.testing.assert_allclose(either.contribution, X[:, 2])
     assert (either.size, either.sigma) == (1.0, 0.0)
-
-
-def test_closure_takes_out_the_shift(model):
-    members = (SelectedCandidate(2, 0, 0),)
-    found = compute_closure(model, members)
-    X, y = model.X, model.y
-    total = 0.0
-    for part in range(7):
-        out = np.arange(ROWS) // 2 == part
-        C = X[~out, 3:5]
-        a = np.linalg.solve(C.T @ C + np.eye(2) / SCALE**2, C.T @ (y - X[:, 5])[~out])
-        total += np.sum((y[out] - X[out, 5] - X[out, 3:5] @ a) ** 2)
-    assert found.after == pytest.approx(total / ROWS)
-    assert found.before == pytest.approx(np.mean(y**2))

@@ -10,11 +10,8 @@ from diagnosis.inference.search import Search
 from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects, jackknife_calibration
 from diagnosis.model.folds import assign_folds
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-from simulator import scenario
-from simulator.simulate import simulate
 from tests.diagnosis.recordings import linear_of, plan, prepared, recorded
 
 
@@ -101,13 +98,3 @@ def test_calibration_with_the_effect_in_covers_the_truth():
         nees[name] = error @ np.linalg.solve(covariance[:12, :12], error)
     assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
     assert nees["without"] > nees["with"]
-
-
-# ---- the noise of the references -----------------------------------------------------------------------------------------
-
-
-def test_without_a_series_of_references_their_noise_is_not_tested():
-    ends = scenario.override(plan(), {"reference.at": "ends"})
-    found = prepare(simulate(ends, seed=1))
-    assert found.reference_noise is None
-    assert any("degrees of freedom" in note for note in found.notes)

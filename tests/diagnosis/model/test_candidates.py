@@ -129,20 +129,3 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)
-
-
-def test_options_of_a_process_have_scales_of_their_own():
-    """A quiet option reaches as far above its noise as a loud one, and each has its own prior over its scales."""
-    rng = np.random.default_rng(2)
-    loud, quiet = 100 * rng.standard_normal((80, 3)), rng.standard_normal((80, 3))
-    group = CandidateColumns(
-        "walk", "x", True, [loud, quiet], [{"gaps": "grow"}, {"gaps": "hold"}], np.array([0.5, 0.5]), (0.0, 1e9), "", True
-    )
-    (entry,), _ = place_candidates([group], lambda X: X, DEFAULT)
-    for k, columns in enumerate((loud, quiet)):
-        largest = np.linalg.norm(columns, axis=0).max()
-        ratios = entry.scales[~entry.outside_window[k]] * largest
-        assert 1 <= ratios.min() < 2
-        assert 150 < ratios.max() <= 300 * (1 + 1e-9)
-    own = (~entry.outside_window).sum(axis=1)
-    np.testing.assert_allclose(np.exp(entry.log_weights) * own / entry.scales.size, 0.5, rtol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.folds import BROAD, PARTS, START, assign_folds, build_folds, reverse_whitening
+from diagnosis.model.folds import BROAD, START, assign_folds, build_folds, reverse_whitening
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from tests.diagnosis.recordings import prepared
 
@@ -11,19 +11,6 @@ from tests.diagnosis.recordings import prepared
 @pytest.fixture(scope="module")
 def model():
     return prepared(3, every_s=300.0).model
-
-
-def test_every_observation_is_held_out_once_and_every_interval_has_a_share_in_each_fold(model):
-    part = assign_folds(model)
-    assert set(part) == set(range(PARTS))
-    for number in range(len(model.blocks)):
-        own = part[model.observation_block == number]
-        if own.size >= PARTS:
-            assert set(own) == set(range(PARTS))
-        # In one stretch each, so that what is held out lies apart in time.
-        assert (np.diff(own) != 0).sum() <= PARTS
-    first = [part[model.observation_block == number][0] for number in range(len(model.blocks))]
-    assert len(set(first)) == len(first)
 
 
 def test_predictions_are_those_of_the_joint_normal_distribution(model):

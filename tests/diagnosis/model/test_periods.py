@@ -1,13 +1,11 @@
 """The scan for swings of any period: its products against columns made at once, what its grid loses, and its prior."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import linearise, periodic_alternatives, periods
+from diagnosis.model import linearise, periods
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.linearise import linearise_recording
@@ -33,13 +31,6 @@ def at(model):
 @pytest.fixture(scope="module")
 def swinging():
     return prepared(4, BIAS).model
-
-
-def replace_y(model, y):
-    """The model with other observations; `y` is computed once, and kept beside the fields."""
-    about = replace(model)
-    about.__dict__["y"] = y
-    return about
 
 
 def _chi2(model, columns, y):
@@ -81,17 +72,6 @@ def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, a
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
             score = found.compute_log_evidence(np.array([[frequency]]), np.array([j]))[0, 0]
             assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)
-
-
-def test_columns_of_cells_are_those_of_the_effect(model):
-    """In the effect's unit, with the mean of the wave over a cell, by more than a hundredth only where the body turns."""
-    for name, axis in (("bias_periodic", "y"), ("reference_periodic", "x")):
-        effect = EFFECTS[name]
-        frequencies = 1 / np.array([350.0, 1300.0, 9000.0])
-        for frequency, made in zip(frequencies, make_effect_columns(model, effect, axis, frequencies), strict=True):
-            exact = model.project_out_nuisance(make_columns(model, effect, axis, {"period_s": 1 / frequency}))
-            away = np.linalg.norm(model.project_out_nuisance(made) - exact) / np.linalg.norm(exact)
-            assert away < (0.03 if name == "bias_periodic" else 1e-9)
 
 
 def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch):
@@ -143,19 +123,3 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
     again = finer.refine(finer, Search(finer).optimise_members((member,)).members[0])
     widths = [min(float(one.parameters["period_sigma_s"]) for one in model.candidates[k].options) for model in (finer, again)]
     assert widths[1] < 0.2 * widths[0]
-
-
-def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
-    """A square wave and a sawtooth of any phase are in the span of their columns, but for their highest harmonics."""
-    period, t = 3000.0, model.references.t_s
-    theta = 2 * np.pi * t / period + 0.9
-    for place, shape in ((1, np.sign(np.sin(theta))), (2, (theta / (2 * np.pi)) % 1 - 0.5)):
-        error = np.zeros((t.size, 3, 1))
-        error[:, 0, 0] = shape
-        y = model.whiten_and_project(model.observe_reference_error(error))[:, 0]
-        about = replace_y(model, y)
-        options = periodic_alternatives.make_shapes(
-            about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period)
-        )
-        left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
-        assert left[1] < 0.45 * left[0]

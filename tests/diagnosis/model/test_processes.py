@@ -10,7 +10,7 @@ from diagnosis.inference.evidence import log_bayes
 from diagnosis.model import linearise, process_projection, processes
 from diagnosis.model.groups import list_process_places
 from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, select_nodes, split_cells
-from diagnosis.model.processes import build_all_columns, build_usual_columns, markov, match_labels
+from diagnosis.model.processes import build_all_columns, build_usual_columns, markov
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
 
@@ -18,16 +18,6 @@ from tests.diagnosis.recordings import of_rates, prepared, recorded
 @pytest.fixture(scope="module")
 def model():
     return prepared(3).model
-
-
-def test_kernels_by_their_definitions(model):
-    t = np.linspace(0, 5000, 60)
-    assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
-    np.testing.assert_array_equal(match_labels(np.array([0, 1, 1])), [[1, 0, 0], [0, 1, 1], [0, 1, 1]])
-    at = processes.compute_part_times(model)
-    K = EFFECTS["bias_random_walk"].covariance(at, {"gaps": "hold"})
-    hours = (at.run_s - at.run_s.min()) / 3600
-    assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
 
 
 def test_flicker_has_a_flat_allan_variance_at_its_floor():
@@ -112,20 +102,6 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
             assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
             size[tau] = np.mean(np.diag(place.covariance(markov(nodes_s, tau))))
         assert size[100.0] < 0.7 * size[1e5]
-
-
-def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
-    """Over days between intervals of an hour all that would be seen of it are levels, each its own."""
-    around = prepared(3).model.surroundings
-    walk = EFFECTS["bias_random_walk"]
-    stream = around.stream
-    closer = np.concatenate([stream.t_s[part] - stream.t_s[part][0] for part in stream.intervals])
-    closer += np.concatenate([np.full(part.stop - part.start, 2e4 * k) for k, part in enumerate(stream.intervals)])
-    near = replace(around, stream=replace(stream, t_s=closer))
-    for found, gaps in ((around, {"hold", "reset"}), (near, {"hold", "grow", "reset"})):
-        trials = walk.trials(found)
-        assert {trial.parameters["gaps"] for trial in trials} == gaps
-        assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
 
 
 def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):

@@ -70,15 +70,6 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
         assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
 
-def test_a_step_is_a_reading_switched_on(model):
-    high = np.tile([1e-6, -2e-6, 5e-7], (model.t_s.size, 1))
-    starts = np.array([0, 700, model.blocks[1].steps.start, model.blocks[3].steps.start + 1001])
-    together = model.observe_reading_steps(high, starts)
-    for k, start in enumerate(starts):
-        alone = np.where((np.arange(model.t_s.size) >= start)[:, None], high, 0.0)
-        assert np.allclose(together[:, [k]], model.reading(alone[:, :, None]), atol=1e-16)
-
-
 def test_a_reference_error_moves_its_own_observation_only(recording, model):
     """The turn of one reference by a small angle, against its column."""
     row, angle = 5, np.deg2rad([1e-3, -2e-3, 5e-4])
@@ -182,14 +173,3 @@ def test_condensing_leaves_the_propagation_alone(model, condensed):
     )
     np.testing.assert_allclose(condensed.zeta, means, atol=1e-14)
     np.testing.assert_allclose(condensed.dt.sum(), model.dt.sum())
-
-
-def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatch):
-    """Averaged to one observation it would show nothing beside its own start attitude."""
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 20)
-    made = linearise_recording(recording, model.G, model.bias)
-    counts = [block.references.size for block in made.blocks]
-    assert min(counts) < 12 < max(counts)
-    for block, count in zip(made.blocks, counts, strict=True):
-        assert block.groups.size >= min(count, 10)
-    assert made.size < 0.5 * model.size

@@ -1,11 +1,8 @@
 """Columns that are kept once: what restores them before the projection, and room for more beside them."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from diagnosis.model.linear import RestoredColumns, Room
-from tests.diagnosis.linear_models import linear_model
+from diagnosis.model.linear import Room
 
 RNG = np.random.default_rng(1)
 
@@ -25,17 +22,3 @@ def test_columns_are_copied_where_there_is_no_room_or_others_have_it():
     np.testing.assert_array_equal(full, np.hstack([beside, other]))
     elsewhere = RNG.standard_normal((5, 5))
     np.testing.assert_array_equal(room.append_columns(elsewhere, one[:, :1]), np.hstack([elsewhere, one[:, :1]]))
-
-
-def test_options_that_are_added_keep_the_columns_before_the_projection():
-    """Also of a model from whose columns more was taken, such as a bias of each recording of a unit."""
-    W, more = RNG.standard_normal((30, 3)), RNG.standard_normal((30, 2))
-    basis = np.linalg.qr(RNG.standard_normal((30, 4)))[0]
-    hidden = basis.T @ W
-    X = W - basis @ hidden
-    model = replace(linear_model([W], RNG.standard_normal(30)), X=X, W=RestoredColumns(X, basis, hidden))
-    model = replace(model, X=0.5 * X)
-    for _ in range(2):
-        model = model.replace_options(0, model.candidates[0].options, more, more - basis @ (basis.T @ more))
-    np.testing.assert_allclose(model.W[:, :], np.hstack([W, more, more]), atol=1e-13)
-    np.testing.assert_allclose(model.X[:, :3], 0.5 * X)

@@ -88,17 +88,6 @@ def test_columns_are_differences_of_the_simulation(text):
         assert gram[1, 1] < 1e-4 * gram[0, 0]
 
 
-def test_the_column_of_an_intrusion_is_the_difference_of_two_simulations():
-    """The Sun is in the field only when it is not excluded, so that the step is from a weak Sun to a stronger one."""
-    one, two = (simulate(ONE, noise=False, effects=[parse(f"esa_sun_intrusion={size}")]) for size in (0.1, 0.14))
-    (start,), (more,) = fits_of(one), fits_of(two)
-    held = {"esa_sun_intrusion": HeldAmplitudes(np.array([0.1]), parse("esa_sun_intrusion=1").parameters)}
-    own = build_held_columns(start, held)
-    gram, _ = replace(start, rows=replace(start.rows, z=(more.rows.z - start.rows.z) / 0.04 - own[:, 0])).gram(own)
-    assert gram[0, 0] > 1
-    assert gram[1, 1] < 1e-3 * gram[0, 0]
-
-
 def test_products_are_those_of_the_full_covariance():
     """Mᵀ V⁻¹ M with noise and the gyro's walk in V, epoch attitude and bias projected out, done densely."""
     (fitted,) = fits_of(simulate(ONE, seed=2))

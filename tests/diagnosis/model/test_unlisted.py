@@ -10,8 +10,6 @@ from diagnosis.inference.search import Search
 from diagnosis.model import bins as bins_of
 from diagnosis.model import deterministic_alternatives
 from diagnosis.model.candidates import build_linear_model
-from diagnosis.model.groups import list_alternative_groups
-from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared, recorded
@@ -32,37 +30,10 @@ def families(model):
     return {(family.name, family.axis): family.columns for family in deterministic_alternatives.build_families(model)}
 
 
-def test_bins_add_up_to_the_steps(model, bins):
-    for number, block in enumerate(model.blocks):
-        own = bins.interval == number
-        expected = (model.to_inertial[block.steps] * model.dt[block.steps][:, None, None]).sum(axis=0)
-        np.testing.assert_allclose(bins.turned[own].sum(axis=0), expected, rtol=1e-9, atol=1e-6)
-        assert bins.ends[number][-1] == own.sum()
-        assert bins.since_s[own][0] == pytest.approx(0.0, abs=8.0)
-
-
 def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
     for axis in range(3):
         column = bins_of.observe_rate_errors(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
-
-
-def test_of_two_intervals_a_value_of_each_is_a_step_between_them():
-    """It is a rival of its own where there are three, or where no step is on the list."""
-    model = prepared(3).model
-    two, three = (
-        linearise_recording(model.recording, model.G, model.bias, pieces=model.recording.intervals[:count]) for count in (2, 3)
-    )
-    steps = [EFFECTS["bias_step"], EFFECTS["g_matrix_step"]]
-    rivals = {"bias differs between intervals", "scale factor or misalignment differs between intervals"}
-
-    def left(model, effects):
-        return {one.effect for one in list_alternative_groups(model, {}, effects)} & rivals
-
-    assert left(two, steps) == set()
-    assert left(three, steps) == rivals
-    assert left(two, []) == rivals
-    assert left(two, steps[:1]) == {"scale factor or misalignment differs between intervals"}
 
 
 # ---- directions, temperatures and the past ----------------------------------------------------------------------------

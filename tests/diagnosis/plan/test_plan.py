@@ -12,7 +12,7 @@ from diagnosis.plan import visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
 from diagnosis.plan.extras import list_maneuvers
 from diagnosis.plan.pipeline import plan
-from diagnosis.plan.separability import compute_confusion_shares, find_separating_size, list_pairs
+from diagnosis.plan.separability import compute_confusion_shares, list_pairs
 from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
@@ -139,17 +139,6 @@ def test_lag_and_time_offset_are_the_same(every, power):
         ("rate_lag", "time_offset", np.inf),
         ("time_offset", "rate_lag", np.inf),
     ]
-
-
-def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_ones_never():
-    X = np.zeros((40, 10))
-    X[:10] = np.eye(10)
-    Y = np.roll(X, 15, axis=0)
-    one, other, stronger = (made("noise_flicker:x", part[:, None]) for part in (X, Y, 3 * X))
-    size = find_separating_size(one, other, 1.0)
-    # Of no use to the other: −½ Σ [ln(1 + s²) − s²] = ln 19.
-    assert SETTINGS.log_odds <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SETTINGS.log_odds  # to a step of its grid
-    assert find_separating_size(one, stronger, 1.0) == np.inf
 
 
 # ---- the whole -----------------------------------------------------------------------------------------------------------

@@ -59,14 +59,3 @@ def test_a_frequency_is_found_between_the_bins_of_short_segments():
     rng = np.random.default_rng(3)
     pieces = make_pieces(rng, common=False, amplitude=1.0)
     assert find_frequency(pieces, HZ + 3e-3, 5e-3, 1.0) == pytest.approx(HZ, abs=0.1 / 800)
-
-
-def test_a_selection_leaves_out_rows_of_data_and_waves_alike():
-    rng = np.random.default_rng(4)
-    (piece, _) = make_pieces(rng, common=False)
-    rows = np.arange(piece.data.size) % 3 > 0
-    spoiled = Piece(piece.t_s, np.where(rows, piece.data, 1e6), piece.observe).select(rows)
-    fit = fit_sinusoid([spoiled], HZ, 1e-3)
-    size, sigma = fit.size
-    assert abs(size - SIZE) < 4 * sigma
-    assert fit.residuals[0].size == rows.sum()

@@ -5,7 +5,6 @@ import pytest
 import scipy.signal
 import scipy.stats
 
-from diagnosis.sinusoids import spectrum
 from diagnosis.sinusoids.spectrum import compute_log_p, compute_power, compute_segment_spectrum
 
 ARCS = [(0, 6000), (6000, 9000)]
@@ -43,8 +42,3 @@ def test_log_p_is_that_of_a_mean_of_exponentials():
     assert float(compute_log_p(9.0, 1.0, 100)) == pytest.approx(np.log(100) - 9.0)
     assert float(compute_log_p(3.0, 4.0, 1)) == pytest.approx(scipy.stats.chi2(8).logsf(24.0))
     assert float(compute_log_p(0.1, 1.0, 100)) == 0.0
-
-
-@pytest.mark.parametrize("window", ["hann", "blackmanharris"])
-def test_tapers_are_those_of_scipy(window):
-    np.testing.assert_allclose(spectrum.make_taper(window, 128), scipy.signal.windows.get_window(window, 128), atol=1e-15)

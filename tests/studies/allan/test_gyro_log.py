@@ -36,16 +36,6 @@ def test_a_csv_table_of_a_gyro_at_rest_is_enough(log, tmp_path):
         assert abs(walk["value"] - 0.05 * 0.1 * 60) < 4 * walk["sigma"]
 
 
-def test_a_table_without_its_columns_is_refused_with_words_that_work(log):
-    done = run(log)
-    assert done.exit_code == 2
-    assert "--time t:s --gyro gx,gy,gz:deg/s; its columns are ms, gx, gy, gz" in done.output
-    done = CliRunner().invoke(
-        main, ["import", "csv", str(log), str(log.parent / "out"), "--time", "ms:ms", "--gyro", "gx,gy,gz:deg/s"]
-    )
-    assert "gyrocal allan LOG.csv --time ms:ms --gyro gx,gy,gz:deg/s" in done.output
-
-
 def test_a_recording_without_references_shows_its_noise_and_is_not_calibrated(log, tmp_path):
     recording, _ = import_gyro_log(log, {"time": "ms:ms", "gyro": "gx,gy,gz:deg/s", "arw_deg_per_sqrt_s": 0.005})
     save(recording, tmp_path / "rec")

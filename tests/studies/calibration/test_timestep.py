@@ -66,17 +66,3 @@ def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
     assert (np.abs(moved - expected) < 5 * standard_error / full["formal_sigma"]).all()
     assert np.abs(moved).max() > 0.2
     assert timestep.summarise_steps(rows)["bias_z"].max() < 4  # largest of 12
-
-
-def test_spread_between_steps_is_the_angle_random_walk(rows):
-    injected = 2.6e-4  # TRMM scenario
-    steps = rows[rows["step_arw_deg_per_sqrt_s"] > 0]
-    assert set(steps["resampling"]) == {"skip"}
-    assert set(steps["step_s"]) == {1.0, 2.0, 8.0}
-    # 18 squares a case: the mean of the squares has a relative standard error of sqrt(2 / 18 / CASES); four of them.
-    for step, part in steps.groupby("step_s"):
-        if step < 8:  # there the rate held from a slew's ramp adds to it
-            assert (part["step_arw_deg_per_sqrt_s"] ** 2).mean() == pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))
-    # Negative control: four samples apart are not one.
-    double = (steps[steps["step_s"] == 2.0]["step_arw_deg_per_sqrt_s"] ** 2).mean() * 2
-    assert double != pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))

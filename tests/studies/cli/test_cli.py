@@ -124,20 +124,5 @@ def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
     assert "--out FOLDER" in refused.stderr
 
 
-def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
-    assert run_cli("simulate", "trmm", str(tmp_path / "rec"), "--set", "gyro.sample_s=5.0").exit_code == 0
-    path = tmp_path / "result.json"
-    options = ("--parametrisation", "gyro", "--solve-for", "gyro_z", "--json", str(path))
-    result = run_cli("calibrate", str(tmp_path / "rec"), *options, "--prior-sigma-g", "1e-2", "--prior-sigma-bias", "1e-3")
-    assert result.exit_code == 0, result.stderr
-    document = json.loads(path.read_text())
-    assert document["parameters"] == ["u_zx", "u_zy", "s_z", "c_z"]
-    assert [row["parameter"] for row in document["estimates"]] == document["parameters"]
-    assert document["options"]["prior_sigma"]["s_z"] == 1e-2
-    refused = run_cli("calibrate", str(tmp_path / "rec"), "--parametrisation", "gyro", "--solve-for", "G_zz")
-    assert refused.exit_code == 2
-    assert "unknown parameter 'G_zz'" in refused.stderr
-
-
 def pressed(*arguments):
     raise KeyboardInterrupt

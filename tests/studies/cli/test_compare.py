@@ -48,18 +48,6 @@ def test_an_adopted_scenario_closes_the_gap(run_cli, made):
     assert set(adopted["statistics"][0]) <= set(keys)
 
 
-def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
-    sizes = []
-    for seed in ("1", "2"):
-        out = made / f"again{seed}"
-        truth = made / f"truth{seed}.json"
-        shown = run_cli("simulate", str(made / "a.toml"), str(out), "--seed", seed, "--draw", "--truth", str(truth))
-        assert shown.exit_code == 0, shown.output
-        sizes.append(json.loads(truth.read_text())["effects"][0]["size"])
-    assert sizes[0] != sizes[1]
-    assert sizes == pytest.approx([0.4, 0.4], abs=0.15)
-
-
 def test_a_changed_recording_is_refused(run_cli, made, tmp_path):
     text = (made / "a.toml").read_text().replace('recording = "rec"', f'recording = "{made / "other"}"')
     (tmp_path / "b.toml").write_text(text)

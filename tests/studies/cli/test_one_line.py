@@ -8,8 +8,6 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
 
@@ -123,18 +121,3 @@ def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli
     for page in pages:
         assert ElementTree.fromstring(page).tag.endswith("svg")
         assert b"[2Jred" in page
-
-
-def test_an_effect_file_that_exits_does_not_end_the_program(run_cli, tmp_path):
-    (tmp_path / "mine.py").write_text("import sys; sys.exit(3)")
-    result = run_cli("effects", "--effects", str(tmp_path / "mine.py"))
-    assert result.exit_code == 2
-    assert "mine.py" in result.stderr
-
-
-def test_a_column_that_is_there_twice_is_refused(rec):
-    frame = pd.read_parquet(rec / "gyro.parquet")
-    made = pa.Table.from_pandas(frame, preserve_index=False)
-    pq.write_table(pa.table([*made.columns, made.column(0)], names=[*made.column_names, "t_s"]), rec / "gyro.parquet")
-    with pytest.raises(InputError, match="column t_s is there more than once"):
-        load(rec)

@@ -111,13 +111,3 @@ def test_a_file_that_cannot_be_run_is_one_line(text, message, mine, run_cli):
     assert found.exit_code == 2
     assert message in found.stderr
     assert re.fullmatch(r"gyrocal: [^\n]*\n", found.stderr)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"), [("json.py", "another module is called json"), ("a-b.py", "cannot be imported by this name")]
-)
-def test_names_that_cannot_be_imported(name, message, mine, run_cli):
-    path = mine.rename(mine.with_name(name))
-    found = run_cli("study", str(path))
-    assert (found.exit_code, message in found.stderr) == (2, True)
-    assert "no such file" in run_cli("study", str(mine)).stderr

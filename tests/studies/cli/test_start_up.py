@@ -4,7 +4,6 @@ import subprocess
 import sys
 from typing import get_args
 
-from gyrocal import save
 from simulator.mission_mode.config import DAY
 from simulator.mission_mode.effects import MISSION_EFFECTS
 from simulator.mission_mode.mounting import Mounting
@@ -16,17 +15,8 @@ from studies.robertson.calendar import PERIODS
 from studies.robertson.reproduce import MISSION_FOLDER
 from studies.robertson.runs import DAYS
 from tests import ROOT
-from tests.gyrocal.recording.test_parquet import recording
 
 HEAVY = "numba", "scipy", "pandas", "matplotlib", "pyarrow"
-REFUSED = [
-    *([name, "REC"] for name in ("allan", "calibrate", "compare", "diagnose")),
-    ["export", "csv", "REC", "OUT"],
-    ["import", "csv", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s", "--quat", "a,b,c,d:body-to-inertial"],
-    ["import", "aem", "GYRO", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s"],
-    ["predict", "REC", "--from", "1"],
-    ["study", "nothing"],
-]
 LOADED = """
 import sys, click
 from studies.cli.main import main
@@ -51,18 +41,6 @@ def test_no_command_module_loads_what_is_heavy():
     """Of what is looked for, only click is there, which shows that the look finds what is loaded."""
     loaded = [f"{name} ['click']" for name in COMMAND_NAMES]
     assert run_fresh([[name] for name in COMMAND_NAMES], (*HEAVY, "click")) == (loaded, [])
-
-
-def test_a_refused_file_loads_no_numba(tmp_path):
-    rec = tmp_path / "rec"
-    save(recording(), rec)
-    (rec / "gyro.parquet").unlink()
-    (rec / "gyro.csv").write_text("t_s,rate\n0,1\n")
-    places = {"REC": str(rec), "OUT": str(tmp_path / "out"), "GYRO": str(rec / "gyro.csv")}
-    loaded, said = run_fresh([[places.get(word, word) for word in one] for one in REFUSED], ["numba", "matplotlib", "click"])
-    assert loaded == [f"{one[0]} ['click']" for one in REFUSED]
-    assert len(said) == len(REFUSED)
-    assert all(line.startswith("gyrocal") for line in said)
 
 
 def test_what_the_options_list_is_what_there_is():

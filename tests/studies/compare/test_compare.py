@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import joblib
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -117,15 +116,3 @@ def test_percentiles_of_m0_are_uniform():
     for column in np.transpose(percentiles):
         assert kstest(column, "uniform").pvalue > 1e-3
     assert held >= 7  # of 12 at 90 %; fewer happen once in 1800
-
-
-def test_jobs_change_nothing(orbital):
-    """Processes take seconds to start; threads divide the flights as they do."""
-    recording, scenario = orbital
-
-    def statistics(seed, jobs):
-        return compare(recording, [("adopted", scenario)], runs=20, seed=seed, jobs=jobs).standings[1].statistics
-
-    alone = statistics(seed=1, jobs=1)
-    with joblib.parallel_config(backend="threading"):
-        assert statistics(seed=1, jobs=2).equals(alone)

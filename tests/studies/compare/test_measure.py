@@ -48,17 +48,3 @@ def test_allan_deviation_of_a_ramp():
     # A rate ramp R t has σ = R τ/√2.
     path = 0.5 * 0.3 * np.arange(200.0) ** 2
     assert measure.compute_allan_deviation([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))
-
-
-def test_quiet_samples_are_away_from_the_slews(recording):
-    parameters = calibrate(recording).parameters
-    noise = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    stretches = measure.find_quiet_stretches(recording, parameters, noise)
-    assert stretches
-    for part in stretches:
-        second = np.diff(recording.gyro.rates[part], n=2, axis=0)
-        assert np.sqrt(np.mean(second**2)) < 1.1 * np.sqrt(6) * noise
-    quiet = np.concatenate([np.arange(part.start, part.stop) for part in stretches])
-    t = recording.gyro.t_s[quiet]
-    yaw = next(one for one in recording.intervals if one.name == "m2")
-    assert not ((t > yaw.start_s + 50) & (t < yaw.start_s + 150)).any()  # it speeds up from 60 s on

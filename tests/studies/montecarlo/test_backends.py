@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import re
 import socket
-import sys
 import threading
 import time
 from collections import Counter
@@ -186,12 +185,6 @@ def test_a_bad_scheduler_address_fails_at_once_in_one_line(address, monkeypatch,
     gc.collect()  # a socket left open, or a client that waits once more, would show here
     assert time.monotonic() - begun < 5
     assert not caplog.messages
-
-
-def test_dask_is_optional(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"gyrocal\[dask\]"):
-        open_backend("dask", run_cases, scheduler="tcp://here:1")
 
 
 def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):

@@ -6,7 +6,6 @@ from scipy import stats
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, load, override
-from simulator.simulate import motion
 from studies.montecarlo.dispersions import Correlation, Dispersion, draw_uniforms, get_scenario_value
 from studies.montecarlo.study import (
     Streams,
@@ -14,7 +13,6 @@ from studies.montecarlo.study import (
     dispersed,
     draw_case_values,
     resolve_config,
-    simulate_case_motion,
 )
 from tests.engine_studies import observed
 
@@ -85,13 +83,6 @@ def test_one_more_dispersion_changes_no_other(sampler):
         np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
 
 
-@pytest.mark.parametrize(("mode", "expected"), [("absolute", 3.0), ("offset", 3.5), ("factor", 1.5)])
-def test_modes(mode, expected):
-    uniform = {"kind": "uniform", "low": 3.0, "high": np.nextafter(3.0, 4.0), "mode": mode}
-    study = config({"gyro.sample_s": uniform}, overrides={"gyro.sample_s": 0.5}, scenario=load("trmm"))
-    np.testing.assert_allclose(draw_case_values(study, 0)["gyro.sample_s"], expected, rtol=1e-15)
-
-
 # What each scenario value must move, and nothing else: gyro rates, reference attitudes, their times, what is known a priori.
 MOVES = {
     "gyro.true_G.0.1": (NORMAL, {"rates"}),
@@ -159,17 +150,6 @@ def test_a_dispersion_moves_what_it_should_and_only_that(short, path):
         before, after = (contents(observed(which, case, Streams(1998, case))) for which in (still, moving))
         assert {name for name in before if differs(before[name], after[name])} == moved
     assert draw_case_values(moving, 0) != draw_case_values(moving, 1)
-
-
-def test_the_motion_kept_is_that_of_the_scenario(short):
-    """What `simulate_case_motion` takes for without effect on the motion must be so."""
-    quiet = [path for path, (_, moved) in MOVES.items() if path.startswith(("gyro.", "reference.sigma"))]
-    scenario = dispersed(config({path: MOVES[path][0] for path in quiet}, scenario=short), 0)
-    assert simulate_case_motion(scenario) is simulate_case_motion(short)
-    for name, value in vars(motion(scenario)).items():
-        np.testing.assert_array_equal(value, getattr(simulate_case_motion(short), name))
-    slower = override(short, {"interval.0.slew.0.duration_s": 700.0})
-    assert not np.array_equal(simulate_case_motion(slower).rates, simulate_case_motion(short).rates)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from studies.montecarlo import manifest
 from studies.montecarlo.engine import run
 from studies.montecarlo.manifest import describe_machine, describe_provenance
 from studies.montecarlo.study import Study
@@ -83,21 +82,6 @@ def test_an_edited_study_is_refused(edit, name, my_study, tmp_path):
     assert not np.allclose(other["x"], table["x"])
     # Edited back, it is the study of the folder again.
     assert serial(my_study(), folder).resumed == 8
-
-
-def test_a_file_that_the_study_does_not_import_counts_for_nothing(my_study, tmp_path):
-    """Also one that is written while a case runs; what the modules import, also within a function, is among the sources."""
-    study = my_study(helper="def factor(x):\n    from my_kit import gain\n\n    return gain(x)\n")
-    (tmp_path / "my_kit").mkdir()
-    (tmp_path / "my_kit" / "__init__.py").write_text("from .inner import (  # more to come\n    gain,\n)\n")
-    (tmp_path / "my_kit" / "inner.py").write_text("def gain(x):\n    return x\n")
-    own = dict.fromkeys(["helping_hand.py", "my_kit/__init__.py", "my_kit/inner.py", "my_own_study.py"])
-    before = describe_provenance(study)["sources"]
-    (tmp_path / "notes.py").write_text("x = 1\n")
-    (tmp_path / "my_kit" / "spare.py").write_text("x = 1\n")
-    describe_provenance.cache_clear()
-    assert describe_provenance(study)["sources"] == before
-    assert {name for name in before if not name.startswith(manifest.SOURCE_PACKAGES)} == set(own)
 
 
 def test_every_module_that_a_case_loads_is_a_source():

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.stats
 from hypothesis import given, settings
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from studies.calibration import summaries
 from studies.montecarlo import statistics
-from studies.report import entry
 
 N, P = 400, 3
 
@@ -79,21 +77,3 @@ def test_infinite_values_count_as_very_large_ones(values, share):
     found = [statistics.compute_quantile(values, share), *statistics.compute_tolerance_interval(values, 0.8, 0.8)]
     large = [np.quantile(huge, share), *statistics.compute_tolerance_interval(huge, 0.8, 0.8)]
     np.testing.assert_allclose(found, np.where(np.array(large) > 1e200, math.inf, large), rtol=1e-12, atol=1e-12)
-
-
-def test_a_report_says_of_how_many_cases_it_is():
-    lock = np.where(np.arange(200) % 10 < 3, np.inf, 20.0 + np.arange(200) / 200)
-    rows = pd.DataFrame({"case": np.arange(200), "error": "", "lock_s": lock, "time_s": np.where(np.isinf(lock), np.nan, lock)})
-    rows["none_s"] = None
-    table = entry.report_columns(None, rows).tables["columns"].data.set_index("column")
-    assert table[["rows", "missing", "infinite"]].T.to_dict("list") == {
-        "lock_s": [200, 0, 60],
-        "time_s": [140, 60, 0],
-        "none_s": [0, 200, 0],
-    }
-    assert table.loc["lock_s", ["mean", "standard_error", "spread"]].isna().all()
-    assert (table.loc["lock_s", "median"] < 21, table.loc["lock_s", "p95"]) == (True, math.inf)
-    assert table.loc["time_s", "mean"] == pytest.approx(rows["time_s"].mean())
-    ends = entry.build_tolerance_table(rows).data.set_index("column")
-    assert ends.loc["lock_s", ["cases", "missing", "infinite", "high"]].tolist() == [200, 0, 60, math.inf]
-    assert ends.loc["time_s", ["cases", "missing", "infinite"]].tolist() == [140, 60, 0]

@@ -1,6 +1,5 @@
 import json
 import math
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -73,28 +72,6 @@ def test_too_few_or_odd_values_are_never_enough():
     assert StoppingRule("mean", "failed", 1.0).half_width(rows(np.zeros(64))) == pytest.approx(0.028, abs=0.001)
     with pytest.raises(InputError, match="holds no numbers"):
         StoppingRule("mean", "x", 1.0).half_width(rows(["a", "b"]))
-
-
-def test_infinite_values_count_and_missing_ones_are_named():
-    """Three cases in ten never lock: the median is known, the 95th percentile and the mean are not."""
-    values = np.random.default_rng(1).gamma(2.0, size=300)
-    table = rows(np.where(np.arange(300) % 10 < 3, np.inf, values))
-    huge = rows(np.where(np.arange(300) % 10 < 3, 1e300, values))
-    assert StoppingRule("median", "x", 1.0).half_width(table) == StoppingRule("median", "x", 1.0).half_width(huge) < 1
-    for statistic in ("p95", "mean", "std"):
-        assert StoppingRule(statistic, "x", 1.0).half_width(table) == math.inf
-    table.loc[:4, "x"] = None
-    assert StoppingRule("p95", "x", 1.0).describe_values(table) == "of 295 cases, 5 more have no value, 87 are infinite"
-    assert StoppingRule("mean", "x", 1.0).describe_values(table).endswith("infinite, so there is no mean")
-
-
-def test_looks_are_whole_chunks_and_end_with_all():
-    found = list(list_checkpoints(1000, 7))
-    assert found[0] >= FIRST
-    assert found[-1] == 1000
-    assert all(count % 7 == 0 for count in found[:-1])
-    assert all(1.2 < b / a < 1.4 for a, b in pairwise(found[:-1]))
-    assert list(list_checkpoints(10, 1)) == [10]
 
 
 @pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])

@@ -6,7 +6,7 @@ import pytest
 from gyrocal import calibrate
 from simulator import scenario as scenarios
 from simulator import simulate
-from studies.natanson import flight, flight_gap, slew_timings
+from studies.natanson import flight, flight_gap
 
 TRMM = scenarios.load("trmm")
 
@@ -18,21 +18,6 @@ def test_gap_without_fitted_timing():
     np.testing.assert_allclose(
         flight_gap.build_gap_comparison(TRMM)["clean_gap_deg"], (flight_gap.compute_noise_free_residuals() - predicted).ravel()
     )
-
-
-def test_scan_is_the_prediction_at_every_timing():
-    """Other common timings that can be flown stay near the assumed ones."""
-    scan = slew_timings.scan_common_timings(TRMM)
-    assert len(scan) > 100
-    assert scan["gap_rms_deg"].max() <= 0.025
-    assert scan["clean_gap_rms_deg"].max() <= 0.0225
-    # The scan flies coarse samples, 1e-4 deg off.
-    for row in scan.iloc[[0, -1]].to_dict("records"):
-        timing = slew_timings.CommonTiming(*(row[name] for name in slew_timings.SCANNED))
-        sections = [timing.apply(one) if one.slew else one for one in TRMM.interval]
-        predicted = flight_gap.predict_residuals(TRMM.model_copy(update={"interval": tuple(sections)}))
-        assert row["gap_rms_deg"] == pytest.approx(flight_gap.compute_gap_rms(predicted), abs=2e-4)
-        assert row["clean_gap_rms_deg"] == pytest.approx(flight_gap.compute_clean_gap_rms(predicted), abs=2e-4)
 
 
 def test_clean_gap_is_free_of_the_noise():

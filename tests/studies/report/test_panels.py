@@ -2,10 +2,8 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 from matplotlib.figure import Figure
 
-from studies.calibration.summaries import fit_log_slope
 from studies.report import panels
 from studies.report.panels import Line
 
@@ -42,12 +40,6 @@ def test_curves_have_their_lines_levels_and_scales():
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["band", "bars"]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["0.5", "1", "2"]
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), X)
-
-
-def test_a_power_law_has_its_slope():
-    line = panels.make_power_law(X, 0.5, 3.0)
-    assert fit_log_slope(line.x, line.y) == pytest.approx(0.5)
-    assert np.asarray(line.y)[0] == 3.0
 
 
 def test_cells_above_the_limit_are_crossed_and_empty_ones_are_empty():

@@ -80,10 +80,3 @@ def test_what_drives_the_failures_is_named_with_its_direction():
     good["error"] = ""
     good["x"] = good["disp:a"]
     assert list(build_sensitivity_tables(good)) == ["dispersions"]
-
-
-@pytest.mark.parametrize(
-    "table", [rows(20), rows(200).drop(columns=["x", "y"]), rows(200).assign(**{"disp:a": 1.0, "disp:b": 2.0})]
-)
-def test_too_little_to_rank_is_no_table(table):
-    assert build_sensitivity_tables(table) == {}

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import (
     DAY,
     PRELAUNCH_BIAS,
@@ -19,18 +18,16 @@ from simulator.mission_mode.config import (
     YawManeuver,
     build_period_tables,
 )
-from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
+from simulator.mission_mode.flight import MissionRun, simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
-from simulator.truth.orbit import compute_lvlh_attitude
 from studies.robertson import ground, performance, published_tables
 from studies.robertson.calendar import (
     FIRST_DAYS,
     YAW_MANEUVER_TIMES,
     build_slew_config,
     convert_to_mission_day,
-    shift_mission_start,
 )
 from studies.robertson.runs import SLEW_TABLES
 
@@ -81,15 +78,6 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     )
     assert row["simulated_deg"] == pytest.approx(0.16)
     assert not row["met"]
-
-
-def test_periods_are_the_flights():
-    start, stop = (convert_to_mission_day(moment, BASE) for moment in FIRST_DAYS["calibration1"])
-    uploads = [at / DAY for at, _ in build_flight_schedule(BASE, 155.0).uploads]
-    assert uploads == pytest.approx([start, stop], abs=1e-6)  # the Julian date is good to 40 µs
-    assert FIRST_DAYS["precalibration"][0] == BASE.epoch
-    table = pd.DataFrame({"t_s": [start * DAY, stop * DAY - 1, stop * DAY]})
-    assert len(performance.select_period(table, "calibration1")) == 2
 
 
 @pytest.mark.parametrize(("knowledge", "met"), [(0.066, True), (0.067, False)])
@@ -210,14 +198,3 @@ def test_targeting_has_rs_sign():
     ).itertuples()
     assert (row.roll_deg, row.pitch_deg, row.yaw_deg) == pytest.approx((-0.1, -0.2, -0.3))
     assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
-
-
-def test_a_later_start_flies_the_same_orbit():
-    """Moved by days: the same place in the orbit and the same Sun, and the axis forward that keeps the Sun on −Y."""
-    later = shift_mission_start(BASE, 40.0)
-    t = np.array([0.0, 5000.0])
-    assert compute_lvlh_attitude(later.orbit, t) == pytest.approx(compute_lvlh_attitude(BASE.orbit, t + 40 * DAY), abs=1e-9)
-    here, there = compute_sun_angle(later.epoch, later.orbit, t), compute_sun_angle(BASE.epoch, BASE.orbit, t + 40 * DAY)
-    assert here == pytest.approx(there, abs=1e-6)
-    assert (here[0] > 0) == (later.forward == "+x")
-    assert later.uploads == later.maneuvers == ()

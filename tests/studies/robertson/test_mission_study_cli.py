@@ -2,20 +2,15 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from gyrocal import GyrocalError
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.flight import MissionRun
 from studies import reproduction
-from studies.cli.mission import TABLES, summarise_periods
+from studies.cli.mission import TABLES
 from studies.montecarlo import engine
 from studies.robertson import performance, reproduce
-from studies.robertson import runs as runs_module
 from studies.robertson.calendar import YAW_MANEUVER_TIMES
 from studies.robertson.figures import MISSION_FIGURE_TITLES
 from studies.robertson.runs import KEPT_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, build_mission_flight, load_flights
@@ -59,21 +54,6 @@ def test_mission_writes_its_tables(run_cli, tmp_path):
     assert stretch["yaw_updates"] == len(tables["updates"])
     assert stretch["pointing_yaw_deg"] < 0.4
     assert "✗" not in result.stdout.split("Knowledge and")[0]
-
-
-def test_stretches_are_weighted_by_samples_and_end_with_the_run():
-    """Two orbits of very different length: the RMS is that of all samples together."""
-    names = ("rms_knowledge", "rms_error", "jitter")
-    columns = [f"{name}_{axis}_deg" for name in names for axis in ("roll", "pitch", "yaw")]
-    orbits = pd.DataFrame(0.1, index=range(2), columns=columns).assign(t_s=[0.0, 6000.0], samples=[300.0, 100.0])
-    orbits.loc[1, "rms_knowledge_yaw_deg"] = 0.2
-    updates = pd.DataFrame({"t_s": [10.0, 20.0], "update_deg": [0.3, -0.1]})
-    (row,) = summarise_periods(MissionRun(orbits, updates, orbits, orbits), MissionConfig(), 0.08).itertuples()
-    assert row.knowledge_yaw_deg == pytest.approx(3 * np.sqrt((3 * 0.1**2 + 0.2**2) / 4))
-    assert row.pointing_roll_deg == pytest.approx(0.3)
-    assert row.stability_yaw_deg == 0.1
-    assert row.yaw_update_deg == pytest.approx(0.2)
-    assert (row.from_day, row.to_day) == (0.0, 0.08)
 
 
 @pytest.mark.usefixtures("flown_already")
@@ -130,12 +110,3 @@ def test_symptoms_are_in_the_short_runs(short_flight):
     before, after = rolls["simulated_deg"]
     assert before == pytest.approx(0.248, abs=0.05)
     assert abs(after) < 0.03  # white noise of 0.008° a slew
-
-
-def test_a_failed_flight_is_told_and_the_others_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr(runs_module, "YAW_ORBITS", 0.5)
-    monkeypatch.setattr(runs_module, "SPIKE_ORBITS", 0.5)
-    monkeypatch.setattr(runs_module, "build_slew_config", lambda config, tables, maneuver: replace(config, maneuvers=(None,)))
-    with pytest.raises(GyrocalError, match=r"8 of \d+ cases failed, the first one case"):
-        reproduce.run(tmp_path, SHORT.model_copy(update={"days": 0.2}))
-    assert list((tmp_path / "work").rglob("part-*.parquet"))

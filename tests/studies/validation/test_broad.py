@@ -142,13 +142,6 @@ def test_truth_is_recovered_with_honest_sigmas(imported):
     assert 0.7 < result.chi2 / result.dof < 1.3
 
 
-def test_estimated_noise_is_the_injected(imported):
-    np.testing.assert_allclose(imported.arw, ARW, rtol=0.1)
-    np.testing.assert_allclose(imported.sigma_rest, SIGMA, rtol=0.5)
-    np.testing.assert_allclose(imported.sigma_motion, SIGMA, rtol=0.5)
-    np.testing.assert_allclose(imported.recording.gyro.apriori_bias, BIAS, atol=np.deg2rad(0.01), rtol=0.01)
-
-
 def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
     trial = as_trial(trial_frame(phases=((12, 88),)))
     names = [cut[0] for cut in broad.cut_trial(trial)]
