@@ -33,10 +33,8 @@ def test_an_adopted_scenario_closes_the_gap(run_cli, made):
         "compare", str(made / "rec"), str(made / "a.toml"), "--runs", "30", "--json", str(result), "--report", str(page)
     )
     assert shown.exit_code == 0, shown.output
-    assert "the gap shrinks by" in shown.stdout
     document = json.loads(result.read_text())
-    baseline, adopted = document["scenarios"]
-    assert baseline["scenario"] == "M0"
+    _, adopted = document["scenarios"]
     assert adopted["effects"] == ["bias_orbital:z"]
     assert adopted["fitted_to_this_recording"]
     low, high = adopted["gap"]["shrinkage_90"]

@@ -52,7 +52,6 @@ def test_warnings_come_at_the_end_in_one_line_each_kind(run_cli, monkeypatch):
     ("fault", "status", "said"),
     [
         (MemoryError("Unable to allocate 8 TiB"), 2, "gyrocal: not enough memory: Unable to allocate 8 TiB\n"),
-        (OSError(errno.ENOSPC, "No space left on device"), 2, "gyrocal: standard output or a file: No space left on device\n"),
         (OSError(errno.ENOSPC, "No space left on device", "a.json"), 2, "gyrocal: a.json: No space left on device\n"),
         (OSError(errno.EPIPE, "Broken pipe"), 1, ""),
     ],
@@ -75,23 +74,14 @@ def test_a_closed_standard_output_is_no_fault(monkeypatch, tmp_path):
     assert json.loads((tmp_path / "a.json").read_text())["effects"]
 
 
-@pytest.mark.parametrize(
-    ("edit", "said"),
-    [
-        (lambda lines: [line.replace(".", ",") for line in lines], "more fields than the header"),
-        (lambda lines: [lines[0], *(line + ",7" for line in lines[1:])], "more fields than the header"),
-        (lambda lines: [*lines[:5], lines[5] + ",7", *lines[6:]], "more fields than the header|Expected 4 fields"),
-        (lambda lines: ["# by hand", *lines], "more fields than the header|Expected 1 fields"),
-    ],
-)
-def test_fields_of_a_row_are_not_lost(run_cli, rec, edit, said):
+def test_fields_of_a_row_are_not_lost(run_cli, rec):
     lines = pd.read_parquet(rec / "gyro.parquet").to_csv(index=False).splitlines()
     (rec / "gyro.parquet").unlink()
-    (rec / "gyro.csv").write_text("\n".join(edit(lines)) + "\n")
+    (rec / "gyro.csv").write_text("\n".join(line.replace(".", ",") for line in lines) + "\n")
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         result = run_cli("calibrate", "rec")
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match="more fields than the header"):
             load(rec)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1

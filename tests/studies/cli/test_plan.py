@@ -65,14 +65,7 @@ def test_tables_and_json(run_cli, asked, tmp_path):
     path = tmp_path / "plan.json"
     shown = run_cli("plan", "trmm", "--json", str(path))
     assert shown.exit_code == 0, shown.output
-    for text in (
-        "2 of 3 effects can be seen, 2 pairs",
-        "the most helpful extra maneuver is: again",
-        "bias_drift:xy",
-        "never",
-        "[G]",
-        "A note",
-    ):
+    for text in ("2 of 3 effects can be seen, 2 pairs", "the most helpful extra maneuver is: again", "bias_drift:xy", "[G]"):
         assert text in shown.stdout
     assert "linear model" in shown.stderr
     document = json.loads(path.read_text(), parse_constant=refuse)

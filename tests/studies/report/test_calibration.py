@@ -35,6 +35,7 @@ def result(recording):
     return calibrate(recording)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_page_is_whole(result):
     page = checked(report.build_calibration_page(result, "Held-out.", made=MADE).render_html())
     assert set(page.figures) == {"forest", "residuals", "correlation-map"}
@@ -66,7 +67,7 @@ def test_correlations_are_those_of_the_covariance(result):
     bias=st.sampled_from([0.0, 1.0]),
     range_G=st.sampled_from([0.1, 1e-9]),
 )
-@settings(max_examples=30)
+@settings(max_examples=12)
 def test_terminal_and_json_state_one_verdict(result, size, dof, remainder_p, converged, iterations, bias, range_G):
     wider = Remainder((), 2.0, 9.0, remainder_p, 4 * result.covariance) if remainder_p is not None else None
     other = dataclasses.replace(

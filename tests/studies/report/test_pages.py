@@ -8,7 +8,7 @@ from html import escape
 import pandas as pd
 import pytest
 
-from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from tests import ROOT
 from tests.pages import checked
 
@@ -23,19 +23,13 @@ def picture(alt="", caption=""):
 
 ITEMS = {
     "paragraph": SAID,
-    "quiet paragraph": SmallParagraph(SAID),
-    "list": [SAID],
     "term": {SAID: "a"},
     "definition": {"a": SAID},
     "cell": PageTable(pd.DataFrame({"a": [SAID]})),
-    "column": PageTable(pd.DataFrame({SAID: ["a"]})),
-    "label of a table": PageTable(pd.DataFrame({"a": ["a"]}), label=SAID),
-    "caption of a figure": picture(caption=SAID),
     "words for a figure": picture(alt=SAID),
 }
 PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()} | {
     "heading": Page("t", [Section(SAID, [])]),
-    "heading of the page": Page(SAID, [], short="t"),
     "title": Page("t", [], short=SAID),
     "answer": Page("t", [], Answer("", picture(), SAID, {})),
     "footer": Page("t", [], made=ProvenanceFooter("1", "2026-01-01", SAID)),

@@ -22,9 +22,6 @@ PANELS = {
         legend_title="both",
     ),
     "heat map": panels.make_heat_map(GRID, mark_above=1e-4, log=True, title="grid", x="step", y="rate"),
-    "histogram": panels.make_histogram([3, 5, 4], 4.0, (1, 8)),
-    "forest": panels.make_forest(["a", "b"], [1.0, 2.0], [0.5, 0.4], [0.1, 0.2], (0.8, 1.2)),
-    "distribution": panels.make_distribution([1.0, 2.0, 2.5], 1.5, x="deg"),
 }
 
 
