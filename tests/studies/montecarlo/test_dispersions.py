@@ -86,9 +86,7 @@ def test_one_more_dispersion_changes_no_other(sampler):
 # What each scenario value must move, and nothing else: gyro rates, reference attitudes, their times, what is known a priori.
 MOVES = {
     "gyro.true_G.0.1": (NORMAL, {"rates"}),
-    "gyro.true_bias_deg_s.1": (NORMAL, {"rates"}),
     "gyro.apriori_G.1.0": (NORMAL, {"apriori_G"}),
-    "gyro.arw_deg_per_sqrt_s": ({"kind": "loguniform", "low": 0.5, "high": 2.0, "mode": "factor"}, {"rates", "arw"}),
     "reference.sigma_deg.0": ({"kind": "uniform", "low": 0.02, "high": 0.05}, {"quaternions", "sigma"}),
     "reference.every_s": ({"kind": "uniform", "low": 70.0, "high": 90.0}, {"times", "quaternions"}),
     # The references of a series keep clear of the slew's ramps, so that their times move too.
@@ -96,12 +94,7 @@ MOVES = {
         {"kind": "uniform", "low": 65.0, "high": 115.0, "mode": "offset"},
         {"rates", "times", "quaternions"},
     ),
-    "interval.0.slew.0.duration_s": (
-        {"kind": "uniform", "low": 0.8, "high": 0.9, "mode": "factor"},
-        {"rates", "times", "quaternions"},
-    ),
-    "interval.0.slew.0.angle_deg": ({"kind": "normal", "sigma": 1.0, "mode": "offset"}, {"rates", "quaternions"}),
-    "orbit.raan_deg": ({"kind": "uniform", "low": 10.0, "high": 20.0}, {"quaternions"}),
+    "interval.0.slew.0.angle_deg": ({"kind": "uniform", "low": 0.8, "high": 0.9, "mode": "factor"}, {"rates", "quaternions"}),
     "orbit.altitude_km": ({"kind": "normal", "sigma": 5.0, "mode": "offset"}, {"rates", "quaternions", "orbit"}),
     "control_motion.amplitude_deg.1": ({"kind": "uniform", "low": 0.1, "high": 0.2}, {"rates", "quaternions"}),
 }
@@ -156,10 +149,7 @@ def test_a_dispersion_moves_what_it_should_and_only_that(short, path):
     ("dispersions", "message"),
     [
         ({"gyro.true_H.0.0": NORMAL}, "gyro.true_H.0.0: the scenario has no such value; there is no 'true_H'"),
-        ({"interval.9.start_s": NORMAL}, "no such value"),
-        ({"gyro.true_G.0": NORMAL}, "only a number can be dispersed"),
         ({"title": NORMAL}, "only a number can be dispersed"),
-        ({"orbit.j2": NORMAL}, "only a number can be dispersed"),
         ({"orbit.raan_deg": NORMAL | {"mode": "factor"}}, "a factor leaves its value, 0, as it is"),
         ({"interval.1.slew.0.start_s": {"kind": "uniform", "low": 1e4, "high": 1e5}}, "after the interval's"),
     ],
@@ -193,10 +183,8 @@ def test_correlated_draws_have_their_covariance_and_leave_the_others(sampler):
     ("matrix", "message"),
     [
         (((1.0, 0.5), (0.4, 1.0)), "symmetric"),
-        (((1.0, 1.0), (1.0, 1.0)), "positive definite"),
         (((1.0, 1.5), (1.5, 1.0)), "positive definite"),
         (((2.0, 0.5), (0.5, 2.0)), "ones on its diagonal"),
-        (((1.0, 0.5, 0.1), (0.5, 1.0, 0.1)), "a row and a column for each"),
     ],
 )
 def test_what_is_no_correlation_matrix_is_refused(matrix, message):

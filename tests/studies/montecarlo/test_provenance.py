@@ -117,16 +117,9 @@ def test_a_resume_elsewhere_is_refused(tmp_path, monkeypatch):
         run(DRAWS, config, tmp_path, backend="serial")
 
 
-@pytest.mark.parametrize(
-    ("differences", "what"),
-    [
-        ({"machine": describe_machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"),
-        ({"sources": {"here.py": "0"}}, ".*here.py|.* more"),
-    ],
-)
-def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypatch):
-    there = describe_provenance(DRAWS) | differences
+def test_a_worker_that_differs_is_refused(tmp_path, monkeypatch):
+    there = describe_provenance(DRAWS) | {"sources": {"here.py": "0"}}
     monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: there)
     config = DrawsConfig(cases=4, size=3)
-    with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike, or undo"):
+    with pytest.raises(InputError, match=r"a worker differs \(.*here.py|.* more\); make them alike, or undo"):
         run(DRAWS, config, tmp_path, backend="serial")

