@@ -22,16 +22,13 @@ def orbital():
     return explained(5, "bias_orbital:z=0.6,phase_deg=25")
 
 
-def test_an_effect_is_identified_beside_a_remainder_with_a_size_that_holds(orbital):
+def test_an_effect_beside_a_remainder_has_its_size_and_its_share(orbital):
     assert [one.effect for one in orbital.fitted] == ["bias_orbital"]
     assert abs(orbital.fitted[0].size - 0.6) < 3 * orbital.fitted[0].sigma
     assert orbital.attribution.slots[0].group_probability >= DEFAULT.named
     assert orbital.attribution.verdict == "partial"
     assert orbital.remainder.noise_factor == pytest.approx(1.0, abs=0.15)
     assert orbital.remainder.gyro_deg_h[1] == pytest.approx(0.4, rel=0.5)
-
-
-def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
     names = [step.step for step in orbital.budget]
     assert names == ["baseline", "bias_orbital:z", "remainder", "floor"]
     misfit = [step.misfit for step in orbital.budget]

@@ -30,14 +30,11 @@ def explain(G, sigma=1e-4, apriori=None, plausible=0.01, dof=6):
     return explain_blindness(dof, G, np.full((3, 3), sigma), np.eye(3) if apriori is None else apriori, plausible, DEFAULT)
 
 
-def test_the_rotation_is_that_of_the_axes_alone():
+def test_a_rotation_beyond_its_error_or_no_spare_observation_makes_blind():
     G = Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix() @ np.diag([1.02, 0.98, 1.0])
     assert "about x, y, z" in str(explain(G))
     assert explain(np.diag([1.1, 0.9, 1.0])) is None  # scale factors turn nothing
     assert explain(G, sigma=0.02) is None  # within its own error
     assert explain(G, apriori=G) is None
     assert explain(G, plausible=0.1) is None  # as gyros of a coarse grade are mounted
-
-
-def test_without_observations_to_spare_no_gap_could_be_seen():
     assert "as many parameters" in str(explain(np.eye(3), dof=0))

@@ -43,14 +43,8 @@ def bending():
     return np.cumsum(slope) + rng.standard_normal(SAMPLES)
 
 
-def test_a_rate_that_bends_has_no_spikes():
+def test_neither_bends_nor_fast_motion_are_spikes_or_jolts():
     assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).places.any()
-
-
-# ---- jolts ---------------------------------------------------------------------------------------------------------------
-
-
-def test_a_jolt_is_found_and_fast_motion_is_none():
     used = np.ones(SAMPLES, dtype=bool)
     x = np.random.default_rng(1).standard_normal((SAMPLES, 3))
     x[SAMPLES // 2 :, 1] += 100.0
@@ -59,3 +53,6 @@ def test_a_jolt_is_found_and_fast_motion_is_none():
     always = np.cumsum(np.random.default_rng(2).standard_t(1.0, (SAMPLES, 3)), axis=0)
     assert not find_jolts(always, used).any()
     assert not find_jolts(x, ~used).any()
+
+
+# ---- jolts ---------------------------------------------------------------------------------------------------------------

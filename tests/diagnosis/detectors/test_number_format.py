@@ -49,13 +49,3 @@ def test_readings_of_one_sign_and_rests_in_one_bin_leave_the_format_open():
     noisy = 400 + 3 * rng.standard_normal(5000)
     assert odds(np.trunc(noisy), 3.0) == dict.fromkeys(FORMATS, 0.0)
     assert odds(np.trunc(0.1 * rng.standard_normal(5000)), 0.1) == dict.fromkeys(FORMATS, 0.0)
-
-
-@pytest.mark.parametrize("pace", [1.0, 20.0])
-def test_sweeps_through_zero_tell_the_format_also_in_a_fraction_of_a_sample(pace):
-    rng = np.random.default_rng(int(10 * pace))
-    begins = rng.uniform(-0.5, 0.5, 1000) * pace
-    ramps = [way * pace * np.arange(-30, 31) + begin for begin in begins for way in (-1, 1)]
-    noisy = np.concatenate(ramps) + 0.1 * rng.standard_normal(61 * 2000)
-    assert odds(np.round(noisy), 0.1)["cut"] < -3
-    assert odds(np.trunc(noisy), 0.1)["cut"] > 3

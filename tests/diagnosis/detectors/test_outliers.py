@@ -30,7 +30,7 @@ def thrusting(spikes=0.0, steps=0.0):
     return replace(made, gyro=replace(made.gyro, rates=read)), made.gyro.rates
 
 
-def test_spikes_of_a_body_that_never_rests_are_found_at_ten_times_the_noise():
+def test_spikes_of_a_body_that_never_rests_are_found_and_its_steps_are_none():
     spoilt, clean = thrusting(spikes=10.0)
     report = examine(spoilt)
     (symptom,) = [one for one in report.symptoms if one.kind == "outliers"]
@@ -40,9 +40,6 @@ def test_spikes_of_a_body_that_never_rests_are_found_at_ten_times_the_noise():
     found = np.abs(spoilt.gyro.rates - clean)[:, 0] > 0
     assert (report.rates != spoilt.gyro.rates)[found, 0].mean() > 0.8
     assert np.abs(report.rates - clean)[found, 0].mean() < 4 * SIGMA
-
-
-def test_steps_of_the_rate_are_no_spikes():
     report = examine(thrusting(steps=20.0)[0])
     assert not [one for one in report.symptoms if one.kind.startswith("outlier")]
 

@@ -22,16 +22,13 @@ def found_in(x):
     return None if found is None or found.readout is None or found.readout.probability < 0.5 else found.readout
 
 
-def test_its_size_over_seeds():
+def test_its_size_alone_and_beside_white_noise():
     """At a third of the white noise, eighty per cent more power: found every time, with the sigma that it states."""
     found = [found_in(drawn(seed, reading=0.5)) for seed in range(40)]
     assert all(one is not None and one.is_as_stated for one in found)
     pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(40)
     assert 0.6 < pulls.std() < 1.4
-
-
-def test_both_together_are_both_found():
     for seed in range(10):
         found = found_in(drawn(seed, white=2.0, reading=2.0))
         assert found is not None

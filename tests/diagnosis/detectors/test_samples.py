@@ -138,12 +138,6 @@ def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
 
 
-@pytest.mark.parametrize("step", ["4e-4"])
-def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
-    symptoms = stream.examine(_recording(plan, truth, 1, f"rate_quantization={step}")).symptoms
-    assert [found.kind for found in symptoms] == ["lattice_rounded"]
-
-
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
     """It is slow beside the samples and fast beside their means; readout noise under it is still told by the upper spectrum."""
     recording = _recording(plan, truth, 5, "noise_angle_white:y=0.6")

@@ -36,17 +36,14 @@ def between_two_options():
     return replace(linear_model(columns, y, changes={1: {"listed": False}}), refine=refine)
 
 
-def test_an_effect_between_two_options_wins_with_finer_ones_against_a_rival_that_was_ahead():
+def test_an_effect_between_two_options_wins_with_finer_ones_and_is_looked_at_beside_a_rival():
     model = between_two_options()
     assert 1 in JointSearch(Search(model)).find().key
     found = infer_set(Search(model), DEFAULT)
     assert len(found.linear.candidates[0].options) == 3
     assert found.best.key == {0}
     assert found.best.members[0].option == 2
-
-
-def test_an_effect_that_explains_nearly_as_much_as_a_rival_is_beside_it():
-    """Also one with one option, as of what is not linear in the rate; the third effect explains nothing."""
+    # Also one with one option, as of what is not linear in the rate; the third effect explains nothing.
     model = between_two_options()
     first = model.candidates[0]
     model = replace(model, candidates=(replace(first, options=first.options[:1]), *model.candidates[1:]))

@@ -21,7 +21,7 @@ def normal_ratio(y, C):
     return scipy.stats.multivariate_normal.logpdf(y, zero, unit + C @ C.T) - plain
 
 
-def test_conditional_scores_are_those_of_the_columns_themselves():
+def test_evidence_of_a_set_is_that_of_its_columns():
     rng = np.random.default_rng(5)
     columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
     y = rng.standard_normal(30) * 1.5
@@ -32,10 +32,7 @@ def test_conditional_scores_are_those_of_the_columns_themselves():
     for k in (0, 2):
         expected = [normal_ratio(y, np.hstack([C, columns[k] * s])) - normal_ratio(y, C) for s in SCALES]
         assert np.allclose(search.tables(k, given)[0], expected, atol=1e-8)
-
-
-def test_evidence_of_a_set_is_that_of_its_columns_with_the_average_of_each_member():
-    """With one scale and one option each there is nothing to average over: the set is one covariance."""
+    # With one scale and one option each there is nothing to average over: the set is one covariance.
     rng = np.random.default_rng(7)
     columns = [rng.standard_normal((25, k)) for k in (1, 2, 1)]
     y = rng.standard_normal(25) * 2

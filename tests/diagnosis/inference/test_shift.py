@@ -40,7 +40,7 @@ def density(y, columns, shift):
     return scipy.stats.multivariate_normal.logpdf(y, shift, covariance)
 
 
-def test_evidence_of_sets_with_shifts_is_the_ratio_of_normal_densities(model):
+def test_evidence_and_amplitudes_of_shifts_are_those_of_normal_densities(model):
     search, X, y = Search(model), model.X, model.y
     none = density(y, X[:, :0], np.zeros(ROWS))
     expected = {
@@ -54,9 +54,6 @@ def test_evidence_of_sets_with_shifts_is_the_ratio_of_normal_densities(model):
         assert search.find_explanation(labels).log_evidence == pytest.approx(value - none, abs=1e-9)
         assert search.find_explanation(labels[::-1]).log_evidence == pytest.approx(value - none, abs=1e-9)
     assert [model.candidate(member).label for member in JointSearch(search).find().members] == ["both"]
-
-
-def test_amplitudes_are_those_of_what_the_shift_leaves(model):
     members = (SelectedCandidate(1, 0, 0), SelectedCandidate(2, 0, 0))
     either, both = fit(model, members)
     X, y = model.X, model.y

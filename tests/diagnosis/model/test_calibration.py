@@ -23,16 +23,13 @@ def vector(model):
     return np.append(model.G.ravel(), model.bias)
 
 
-def test_prepare_finds_the_calibrators_parameters():
+def test_the_calibration_is_the_calibrators_and_its_errors_have_its_covariance():
     """Another implementation of the same estimate: differences are far inside the sigmas."""
     found = prepared(3)
     result = calibrate(recorded(3))
     assert np.abs((vector(found.model) - result.parameters.vector) / result.sigma).max() < 0.05
     assert np.allclose(found.sigma, result.sigma, rtol=0.02)
-
-
-def test_errors_of_m0s_calibration_are_those_of_its_covariance():
-    """Normalised squared errors of the twelve parameters over recordings of M0."""
+    # Normalised squared errors of the twelve parameters over recordings of M0.
     nees = 0.0
     for seed in range(6):
         model = prepared(seed).model

@@ -7,7 +7,6 @@ from diagnosis.model.candidates import place_candidates
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
-from diagnosis.model.steps import step_times
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS, setting
 from simulator.simulate import motion, observe
@@ -74,24 +73,6 @@ def test_steps_are_columns_switched_on(model, made):
         own["time_s"] = float(own["time_s"]) - 1.0 if not option.parameters["time_sigma_s"] else own["time_s"]
         expected = make_columns(model, effect, "y", own)[:, 0]
         np.testing.assert_allclose(made.W[:, option.start], expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_times_of_a_step_are_weighed_by_duration_and_gaps(model):
-    times, widths, weights, firsts = step_times(model)
-    assert weights.sum() == pytest.approx(1.0)
-    gaps = widths > 0
-    assert gaps.sum() == len(model.blocks) - 1
-    assert weights[gaps].sum() == pytest.approx(0.5)
-    # In the middle of each gap, with the sigma of a time that may be anywhere in it.
-    for place, width, before, after in zip(times[gaps], widths[gaps], model.blocks[:-1], model.blocks[1:], strict=True):
-        low, high = model.t_s[before.steps.stop - 1], model.t_s[after.steps.start]
-        assert place == pytest.approx(0.5 * (low + high))
-        assert width == pytest.approx((high - low) / np.sqrt(12))
-    inside = [(model.blocks[k].steps.start < firsts) & (firsts < model.blocks[k].steps.stop) for k in range(6)]
-    shares = [weights[own].sum() for own in inside]
-    lengths = [block.elapsed_s[-1] for block in model.blocks]
-    np.testing.assert_allclose(shares, 0.5 * np.array(lengths) / sum(lengths), rtol=1e-9)
-    assert all(own.sum() >= 3 for own in inside)
 
 
 def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):

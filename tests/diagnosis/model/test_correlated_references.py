@@ -25,7 +25,7 @@ def recordings():
     return [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(4)]
 
 
-def test_residuals_have_the_covariance_that_is_stated(recordings):
+def test_residuals_and_the_test_of_noise_know_the_covariance_that_is_stated(recordings):
     z = []
     for recording in recordings:
         result = calibrate(recording)
@@ -34,9 +34,6 @@ def test_residuals_have_the_covariance_that_is_stated(recordings):
         assert model.y @ model.y == pytest.approx(result.chi2, rel=0.02)
         assert model.degrees_of_freedom == result.dof
     assert abs(np.mean(z)) < 3.5 / np.sqrt(len(z))
-
-
-def test_the_test_of_the_noise_of_references_knows_their_covariance(recordings):
     prepared = prepare(recordings[0])
     noise = prepared.reference_noise
     assert noise is not None

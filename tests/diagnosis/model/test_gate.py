@@ -81,15 +81,12 @@ def test_real_faults_pass(kind):
     assert model.size > 100
 
 
-def test_many_outliers_do_not_pass():
+def test_the_gate_asks_the_repaired_stream_and_refuses_many_outliers():
     """They would be a wrong reading that by chance leaves every second reference where it is."""
     wrong = with_quaternions(lambda q: np.where((np.arange(len(q)) % 5 == 2)[:, None], np.roll(q, 1, axis=1), q))
     with pytest.raises(LargeResidualError):
         prepare(wrong)
-
-
-def test_the_gate_asks_the_repaired_stream():
-    """One sample in seven reads 30 deg/s too much: no reading fits the raw rates, and the repaired ones are within noise."""
+    # One sample in seven reads 30 deg/s too much: no reading fits the raw rates, and the repaired ones are within noise.
     one = recording()
     spoilt = one.gyro.rates + np.deg2rad(30.0) * (np.arange(len(one.gyro.rates)) % 7 == 5)[:, None]
     wrong = replace(one, gyro=replace(one.gyro, rates=spoilt))

@@ -22,7 +22,7 @@ def tabulate(model):
     return tabulate_references(model, np.ones(model.reference_rows.size, dtype=bool)).regressors
 
 
-def test_the_rate_at_a_reference_holds_no_reading_from_before_it(rested):
+def test_the_rate_at_a_reference_holds_no_noise_from_before_it(rested):
     model = rested
     gyro, at = model.recording.gyro, model.references.t_s.size // 2
     early = gyro.t_s < model.references.t_s[at]
@@ -30,8 +30,5 @@ def test_the_rate_at_a_reference_holds_no_reading_from_before_it(rested):
     changed = replace(model, recording=replace(model.recording, gyro=replace(gyro, rates=noisy)))
     change = tabulate(changed) - tabulate(model)
     np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
-
-
-def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(rested):
     found = {one.name: one for one in check_baseline(rested)}
     assert found["dependence on what is known"].p_value > 1e-3

@@ -9,9 +9,8 @@ import scipy.stats
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations
+from diagnosis.model.misfit import check_baseline, compute_innovations
 from gyrocal import calibrate
-from simulator.effects import EFFECTS
 from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.recordings import prepared, recorded
 
@@ -42,34 +41,17 @@ def with_errors(recording, error):
     return replace(recording, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, error)))
 
 
-def test_the_sum_of_squares_is_that_of_the_dense_model(model):
+def test_innovations_have_the_sum_of_squares_of_the_dense_model_and_uniform_p_values(model, drawn):
     e, later, taken = compute_innovations(model)
     assert np.sum(e**2) == pytest.approx(model.y @ model.y, rel=1e-9)
     assert e.size - taken.shape[1] == model.degrees_of_freedom
     assert later.sum() == len(model.residuals) - len(model.blocks)
-
-
-def test_p_values_are_uniform_under_m0(model, drawn):
-    """Kolmogorov and Smirnov for each statistic; that of all together has the rate it states."""
+    # Kolmogorov and Smirnov for each statistic; that of all together has the rate it states.
     found = [check_baseline(replace(model, residuals=one)) for one in drawn]
     for k, check in enumerate(found[0]):
         p = np.array([checks[k].p_value for checks in found])
         assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3, check.name
     assert np.mean([combine_checks(checks) < 0.05 for checks in found]) < 0.05 + 3 * np.sqrt(0.0475 / DRAWS)
-
-
-def test_errors_of_an_effect_are_its_columns(model):
-    """Without averaging the observations are the references."""
-    for name, axis in (("bias_step", "x"), ("reference_orbital", "z")):
-        effect = EFFECTS[name]
-        trial = effect.trials(model.surroundings)[0]
-        parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
-        made = compute_attitude_errors(model, effect, axis, parameters)
-        if effect.on_references:
-            expected = model.observe_reference_error(effect.reference_columns(model.references, axis, parameters))
-        else:
-            expected = model.reading(effect.columns(model.stream, axis, parameters))
-        np.testing.assert_allclose(made.reshape(model.size, -1), expected, rtol=1e-12, atol=1e-18)
 
 
 def test_what_averaging_hides_is_seen(monkeypatch):

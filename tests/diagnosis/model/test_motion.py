@@ -40,15 +40,12 @@ def cube_score(model):
     return float((column @ model.y) ** 2 / (column @ column))
 
 
-def test_a_clean_gyro_does_not_follow_the_cube_of_its_rate(clean):
+def test_columns_hold_no_noise_of_a_clean_gyro(clean):
     """The scores are χ² with one degree of freedom each; with columns of the readings themselves they are not."""
     assert scipy.stats.chi2.sf(sum(cube_score(model) for _, model in clean), len(clean)) > 1e-3
     noisy = [linearise_recording(model.recording, model.G, model.bias) for _, model in clean]
     assert scipy.stats.chi2.sf(sum(map(cube_score, noisy)), len(noisy)) < 1e-12
-
-
-def test_expected_noise_is_that_of_the_gyro(clean):
-    """Without it the attitude wanders much less, beside what a bias makes."""
+    # Without it the attitude wanders much less, beside what a bias makes.
     for rates, model in clean:
         noise, turned = estimate_gyro_noise(model, None)
         read = model.recording.gyro.rates - rates

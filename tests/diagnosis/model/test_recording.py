@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model import linearise
-from diagnosis.model import recording_model as recordings
 from diagnosis.model.linearise import linearise_recording
 from gyrocal import GyroParameters, calibrate, residual_table
 from simulator.simulate import simulate
@@ -30,18 +29,6 @@ def quiet():
     """A recording without noise, about the truth."""
     base = plan(1.0)
     return linearise_recording(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
-
-
-@pytest.fixture
-def condensed(recording, model, quiet, monkeypatch):
-    """The same with steps of three samples and about three references an observation."""
-    monkeypatch.setattr(linearise, "MOST_STEPS", model.t_s.size // 3 + 1)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
-    monkeypatch.setattr(recordings, "MOST_CELLS", 80)
-    made = linearise_recording(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
-    assert made.t_s.size < 0.4 * model.t_s.size
-    assert made.size < 0.4 * model.size
-    return made
 
 
 # ---- observations --------------------------------------------------------------------------------------------------------
@@ -163,13 +150,3 @@ def test_covariance_of_averaged_references_is_that_of_brute_force(recording, mod
         V = brute_force_covariance(made, block, per_step, sigma)
         M = averaging(block)
         np.testing.assert_allclose(block.whitener @ block.whitener.T, M @ V @ M.T, rtol=2e-4, atol=1e-5 * V.max())
-
-
-def test_condensing_leaves_the_propagation_alone(model, condensed):
-    """Observations are the means of those of every reference, to the last digit."""
-    np.testing.assert_allclose(condensed.residuals, model.residuals, atol=1e-14)
-    means = np.concatenate(
-        [averaging(block) @ model.zeta[old.rows] for block, old in zip(condensed.blocks, model.blocks, strict=True)]
-    )
-    np.testing.assert_allclose(condensed.zeta, means, atol=1e-14)
-    np.testing.assert_allclose(condensed.dt.sum(), model.dt.sum())

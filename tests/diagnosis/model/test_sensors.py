@@ -15,14 +15,13 @@ from diagnosis.model.sensors.columns import (
     compute_held_error,
 )
 from diagnosis.model.sensors.refine import refine_parameters
-from diagnosis.model.sensors.tables import build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
+from diagnosis.model.sensors.tables import build_sensor_model, build_tables
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, esa_bias, parse
 from simulator.sensors.raw_tables import build_nominal_suite, simulate_sensor_tables
 from simulator.sensors.sun import compute_head_tangents
 from simulator.simulate import motion, simulate
 from simulator.truth.rotation import convert_to_matrix
-from studies.robertson.heads import _scale_earth_noise
 from tests.diagnosis.sensor_cases import EFFECTS, ONE, fits_of, recorded
 
 
@@ -119,19 +118,6 @@ def test_rows_have_the_products_of_all_measurements(nominal):
         scale = np.sqrt(np.maximum(np.outer(np.diag(gram), np.diag(gram)), 1e-30))
         np.testing.assert_allclose(rows.T @ rows / scale, gram / scale, atol=1e-9)
         assert tables.dof[number] == dof
-
-
-def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
-    quiet = build_sensor_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
-    loud = build_sensor_model(build_tables(fits_of(recorded(change=_scale_earth_noise)), EFFECTS), EFFECTS, DEFAULT)
-    assert estimate_sensor_noise(quiet, DEFAULT).factor == 1
-    noise = estimate_sensor_noise(loud, DEFAULT)
-    assert noise.p_value < DEFAULT.chi2_sensors
-    assert 1.2 < noise.factor < 1.5  # the Earth sensor's is 1.5 times as large, the sun sensors' as stated
-    again = rescale_noise(loud, noise.factor)
-    assert estimate_sensor_noise(again, DEFAULT).factor == 1
-    assert again.candidates == loud.candidates
-    np.testing.assert_allclose(next(again.folds(again.W)).left_y, next(loud.folds(loud.W)).left_y / noise.factor)
 
 
 # ---- parameters between the options --------------------------------------------------------------------------------------

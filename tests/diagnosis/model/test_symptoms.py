@@ -11,8 +11,6 @@ from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import (
     SampleCause,
     compute_posterior,
-    drop_estimated_levels,
-    list_reference_symptoms,
     list_sample_causes,
     list_symptoms,
     weigh_consequences,
@@ -76,24 +74,6 @@ def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_onc
     assert compute_posterior(replace(OUTLIERS, p_value=DEFAULT.sample_event), DEFAULT).listed > 0.8
     assert compute_posterior(replace(OUTLIERS, p_value=0.01), DEFAULT).chance > 0.9
     assert compute_posterior(replace(OUTLIERS, p_value=1.0), DEFAULT).chance > 0.99
-
-
-def test_noise_that_an_import_estimated_is_no_cause():
-    found = prepared(3)
-    recording = found.model.recording
-    level = replace(OUTLIERS, kind="white_noise_level")
-    assert drop_estimated_levels([level, OUTLIERS], recording) == [level, OUTLIERS]
-    imported = replace(
-        recording,
-        gyro=replace(recording.gyro, arw_estimated=True),
-        attitudes=replace(recording.attitudes, sigma_estimated=True),
-    )
-    assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
-    kinds = [
-        [one.kind for one in list_reference_symptoms(replace(found, reference_noise=NOISE, model=model))]
-        for model in (found.model, replace(found.model, recording=imported))
-    ]
-    assert kinds == [["reference_noise_level"], []]
 
 
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():

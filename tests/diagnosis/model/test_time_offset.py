@@ -28,10 +28,7 @@ def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise():
     x = model.project_out_nuisance(small)[:, 0]
     assert np.sum((model.y - x @ model.y / (x @ x) * x) ** 2) > dof + 8 * np.sqrt(2 * dof)
     assert sum(one.weight for one in large) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_shares_of_delays_that_all_explain_far_less_are_numbers():
-    """As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near."""
+    # As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near.
     np.testing.assert_allclose(
         compute_delay_shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))]
     )

@@ -73,14 +73,11 @@ def detected(scenario, power):
 # ---- by simulation -------------------------------------------------------------------------------------------------------
 
 
-def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(every, power, detected):
+def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap_and_none_without(every, power, detected):
     one = every["scale_asymmetry:z"]
     seen = find_visible_size(one, power)
     count = detected([setting(one.effect, one.axis, seen.size, one.parameters[one.middle])], 21)
     assert scipy.stats.binomtest(count, SEEDS, SETTINGS.power).pvalue > 0.005
-
-
-def test_without_an_effect_there_is_no_gap(detected):
     count = detected([], entropy=22)
     assert scipy.stats.binom.sf(count - 1, SEEDS, DEFAULT.false_alarm_rate) > 0.002
 
@@ -125,14 +122,11 @@ def made(label, X):
     return Signature(label.split(":")[0], None, label, X, np.ones(options), np.ones(options) / options, ({},) * options)
 
 
-def test_share_is_the_squared_cosine():
+def test_pairs_share_the_squared_cosine_and_lag_and_time_offset_are_the_same(every, power):
     one, other = made("bias_drift:x", [[[2.0]], [[0.0]]]), made("bias_step:x", [[[3.0]], [[4.0]]])
     rho, ratio = compute_confusion_shares([one, other])
     assert rho[0, 1] == pytest.approx(0.36)
     assert ratio[0, 1] == pytest.approx(2.0 * 0.6 / 5.0)
-
-
-def test_lag_and_time_offset_are_the_same(every, power):
     both = [every["time_offset"], every["rate_lag"]]
     found = list_pairs(both, [find_visible_size(one, power) for one in both])
     assert [(one.effect, one.other, one.snr) for one in found] == [

@@ -32,13 +32,10 @@ def test_overlapping_segments_scatter_as_stated(window):
     assert 1 / np.var(powers) == pytest.approx(float(found.count[0]), rel=0.06)
 
 
-def test_power_is_that_of_the_transform():
+def test_power_and_its_p_value_are_those_of_closed_forms():
     t, x = np.arange(64.0), np.random.default_rng(5).standard_normal((64, 2))
     expected = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0)[1:]) ** 2 / 64
     np.testing.assert_allclose(compute_power(t, x, np.fft.rfftfreq(64)[1:]), expected, atol=1e-9)
-
-
-def test_log_p_is_that_of_a_mean_of_exponentials():
     assert float(compute_log_p(9.0, 1.0, 100)) == pytest.approx(np.log(100) - 9.0)
     assert float(compute_log_p(3.0, 4.0, 1)) == pytest.approx(scipy.stats.chi2(8).logsf(24.0))
     assert float(compute_log_p(0.1, 1.0, 100)) == 0.0

@@ -29,7 +29,7 @@ def test_without_noise_each_iteration_squares_the_error(rows, claimed, true):
     assert (np.abs(table[["slope_1", "slope_2"]] - claimed).to_numpy().max() < 0.1) == true
 
 
-def test_one_iteration_is_enough_for_trmm_and_not_for_ten_times_its_error(rows):
+def test_one_iteration_is_enough_for_trmm_and_the_papers(rows):
     medians = rows[rows["noise"]].groupby(["direction", "factor"])[["left_1_G_sigma", "left_2_G_sigma"]].median()
     for direction in iterations.ERROR_DIRECTIONS:
         left = medians["left_1_G_sigma"]
@@ -41,9 +41,6 @@ def test_one_iteration_is_enough_for_trmm_and_not_for_ten_times_its_error(rows):
     # Of a quadratic error the two limits are sqrt(10) apart, to 10 % by the slope's 0.1.
     ratio = limits["factor_1_sigma_median"] / limits["factor_0.1_sigma_median"]
     assert ratio.to_numpy() == pytest.approx(np.sqrt(10), rel=0.1)
-
-
-def test_first_two_iterations_are_those_of_the_paper_tables(rows):
     paper = paper_tables.tabulate_case(paper_tables.PaperTablesConfig(steps_s=(0.5,)), 3)
     full = paper_tables.select_variant(paper, 0.5).iloc[0]
     change = np.array([full[f"second_{name}"] - full[f"first_{name}"] for name in paper_tables.NAMES])

@@ -26,7 +26,7 @@ def rows(tmp_path_factory):
     return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("noise"))
 
 
-def test_formal_sigmas_are_those_of_a_calibration(rows):
+def test_sigmas_are_those_of_a_calibration_and_of_the_spread(rows):
     point = rows.iloc[3]
     levels = {"gyro.arw_deg_per_sqrt_s": point["arw_deg_per_sqrt_s"]}
     levels |= {f"reference.sigma_deg.{k}": point["sigma_deg"] for k in range(3)}
@@ -35,6 +35,15 @@ def test_formal_sigmas_are_those_of_a_calibration(rows):
     truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
     sigma = calibrate(recording, initial=truth, iterations=1).sigma * PPM_DEG_H
     np.testing.assert_allclose(point[SIGMAS].to_numpy(float), sigma, rtol=1e-6)
+    table = noise.build_spread_table(CONFIG, rows)
+    assert len(table) == 5 * 12
+    assert table["inside"].all()
+    halved = rows.copy()
+    halved[SIGMAS] = 0.5 * halved[SIGMAS]
+    assert not noise.build_spread_table(CONFIG, halved)["inside"].any()
+    name = "formal sigmas within the spread's interval, of 60"
+    verdicts = [noise.report(CONFIG, table).check(name).verdict for table in (rows, halved)]
+    assert verdicts == ["pass", "fail"]
 
 
 def test_shares_are_the_slopes_of_the_sigmas():
@@ -52,15 +61,3 @@ def test_shares_are_the_slopes_of_the_sigmas():
     np.testing.assert_allclose(slopes[0], share, atol=2e-4)
     np.testing.assert_allclose(slopes[1], 1 - share, atol=2e-4)
     assert 0.05 < share.min() < share.max() < 0.95
-
-
-def test_spread_agrees_with_the_formal_sigma_and_would_not_with_half_of_it(rows):
-    table = noise.build_spread_table(CONFIG, rows)
-    assert len(table) == 5 * 12
-    assert table["inside"].all()
-    halved = rows.copy()
-    halved[SIGMAS] = 0.5 * halved[SIGMAS]
-    assert not noise.build_spread_table(CONFIG, halved)["inside"].any()
-    name = "formal sigmas within the spread's interval, of 60"
-    verdicts = [noise.report(CONFIG, table).check(name).verdict for table in (rows, halved)]
-    assert verdicts == ["pass", "fail"]

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from simulator import scenario as scenarios
-from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
-from studies.montecarlo.study import Streams, StudyConfig, observed
+from studies.calibration.shared_truth import build_once
+from studies.montecarlo.study import StudyConfig
 
 CONFIG = StudyConfig(overrides={"gyro.sample_s": 60.0})
 
@@ -25,13 +24,3 @@ def test_built_once_without_dispersions_and_for_each_case_with_them():
     assert len(built) == 3
     assert first[1] != second[1]
     np.testing.assert_array_equal(np.delete(first, 1), np.delete(second, 1))
-
-
-def test_noise_is_that_of_the_recording():
-    streams = Streams(CONFIG.entropy, 3)
-    flown = NoiseFreeSimulation.simulate(scenarios.override(scenarios.load("trmm"), CONFIG.overrides))
-    seen = observed(CONFIG, 3, streams)
-    rates, A = flown.realise(make_noise_generators(streams))
-    np.testing.assert_array_equal(rates, seen.gyro.rates)
-    np.testing.assert_array_equal(flown.realise()[0], flown.plain.gyro.rates)
-    assert A.shape == (len(seen.attitudes.quaternions), 3, 3)

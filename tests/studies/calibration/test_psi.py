@@ -43,9 +43,6 @@ def test_linear_psi_fails_first_at_high_rates_and_long_steps(rows):
     # Both converge to the same parameters; linear ψ takes longer.
     assert abs(table["linear_error_G"] - table["full_error_G"]).max() < 1e-7
     assert (table["linear_iterations"] >= table["full_iterations"]).all()
-
-
-def test_limits_are_where_the_difference_crosses(rows):
     limit = psi.find_psi_limits(rows).set_index(["slew_angle_deg", "step_s"]).loc[(180.0, 0.5)]
     assert 0.25 < limit["linear_rate_deg_s"] < 2.0
     assert limit["linear_angle_per_step_deg"] == pytest.approx(0.5 * limit["linear_rate_deg_s"])

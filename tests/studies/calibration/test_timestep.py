@@ -34,7 +34,7 @@ def test_order_of_the_gyro_noise_in_the_step(rows, resampling, claimed, true):
     assert (abs(power - claimed) < 4 * uncertain + 1e-3) == true
 
 
-def test_formal_sigmas_know_of_the_skipping(rows):
+def test_formal_sigmas_know_of_skipping_and_averaging_has_a_bias_of_second_order(rows):
     table = timestep.summarise_steps(rows)
     # Spread over formal sigma has a relative sampling error of 1/sqrt(2 CASES) a parameter; 4 of it.
     assert np.abs(table["spread_over_formal"] - 1).max() < 4 / np.sqrt(2 * CASES)
@@ -47,9 +47,6 @@ def test_formal_sigmas_know_of_the_skipping(rows):
     covariances = sigmas[:, :, None] ** 2 * np.eye(12)
     overconfident = statistics.check_mean_nees(statistics.compute_nees(errors, covariances), 12)
     assert overconfident.value > 2 * overconfident.upper
-
-
-def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
     average = timestep.summarise_steps(rows).query("resampling == 'average'").set_index("step_s")
     # Each step doubled makes four times the bias; what comes next in Δt is below 1 %.
     assert average["held_sigma"][2.0] / average["held_sigma"][1.0] == pytest.approx(4, rel=0.01)

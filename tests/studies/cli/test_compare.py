@@ -27,7 +27,7 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_an_adopted_scenario_closes_the_gap(run_cli, made):
+def test_an_adopted_scenario_closes_the_gap_and_a_changed_recording_is_refused(run_cli, made, tmp_path):
     page, result = made / "page.html", made / "result.json"
     shown = run_cli(
         "compare", str(made / "rec"), str(made / "a.toml"), "--runs", "30", "--json", str(result), "--report", str(page)
@@ -44,9 +44,6 @@ def test_an_adopted_scenario_closes_the_gap(run_cli, made):
     assert set(adopted) <= set(keys)
     assert set(adopted["gap"]) <= set(keys)
     assert set(adopted["statistics"][0]) <= set(keys)
-
-
-def test_a_changed_recording_is_refused(run_cli, made, tmp_path):
     text = (made / "a.toml").read_text().replace('recording = "rec"', f'recording = "{made / "other"}"')
     (tmp_path / "b.toml").write_text(text)
     assert run_cli("simulate", "trmm_series", str(made / "other"), *SMALL, "--seed", "9").exit_code == 0

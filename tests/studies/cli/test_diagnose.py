@@ -39,12 +39,16 @@ def refuse(text):
     raise AssertionError(text)
 
 
-def test_effects_are_taken_off_the_list(run_cli, asked, rec):
+def test_effects_and_stretches_are_left_out(run_cli, asked, rec):
     assert run_cli("diagnose", rec).exit_code == 0
     assert asked["library"] is None
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
     assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
+    shown = run_cli("diagnose", rec, "--exclude", "100:120.5", "--exclude", "1e3:1.1e3")
+    assert (shown.exit_code, asked["exclude"]) == (0, [(100.0, 120.5), (1000.0, 1100.0)])
+    shown = run_cli("diagnose", rec, "--exclude", "120:100")
+    assert (shown.exit_code, "give FROM:TO" in shown.stderr) == (2, True)
 
 
 def test_a_real_recording(run_cli, rec, tmp_path):
@@ -69,10 +73,3 @@ def test_documented_format_is_the_result():
     assert _keys(json.loads(block)) == _keys(CASES["named"]().to_json())
     rows = dict(re.findall(r"^\| `(\w+)` \| [^|]* \| ([^|]*) \|.*\|$", text, flags=re.MULTILINE))
     assert set(rows) >= {name for name, effect in ALL_EFFECTS.items() if effect.is_nameable}
-
-
-def test_stretches_are_left_out_by_hand_in_seconds_since_the_first_sample(run_cli, asked, rec):
-    shown = run_cli("diagnose", rec, "--exclude", "100:120.5", "--exclude", "1e3:1.1e3")
-    assert (shown.exit_code, asked["exclude"]) == (0, [(100.0, 120.5), (1000.0, 1100.0)])
-    shown = run_cli("diagnose", rec, "--exclude", "120:100")
-    assert (shown.exit_code, "give FROM:TO" in shown.stderr) == (2, True)

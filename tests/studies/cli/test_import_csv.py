@@ -38,16 +38,13 @@ def made(folder):
     return folder / "a"
 
 
-def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder, made):
+def test_two_tables_one_table_and_a_mapping_file_are_the_same_as_json_says(run_cli, folder, made):
     (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in CORRECT_MAPPING.items()))
     second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
     assert second.exit_code == 0, second.stderr
     a, b = gyrocal.load(made), gyrocal.load(folder / "b")
     np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
     np.testing.assert_array_equal(a.gyro.apriori_bias, b.gyro.apriori_bias)
-
-
-def test_import_and_export_say_as_json_what_was_made(run_cli, folder, made):
     said, recording = folder / "said.json", gyrocal.load(made)
     read = json.loads((folder / "a.json").read_text())
     assert (read["folder"], read["epoch"]) == (str(made), recording.epoch)

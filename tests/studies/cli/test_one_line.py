@@ -27,27 +27,6 @@ def rec(tmp_path, monkeypatch):
     return tmp_path / "rec"
 
 
-def warned(*met):
-    def names():
-        for category, message in met:
-            warnings.warn(message, category, stacklevel=1)
-        return ("trmm",)
-
-    return names
-
-
-def test_warnings_come_at_the_end_in_one_line_each_kind(run_cli, monkeypatch):
-    met = [(RuntimeWarning, "overflow\nmet"), (RuntimeWarning, "divide"), (RuntimeWarning, "divide"), (UserWarning, "left out")]
-    monkeypatch.setattr(scenarios, "names", warned(*met))
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        result = run_cli("scenarios")
-    assert result.exit_code == 0
-    own, numeric = result.stderr.splitlines()
-    assert own == "gyrocal: warning: left out"
-    assert numeric == "gyrocal: warning: while computing: overflow met; divide; look whether the results can be meant"
-
-
 @pytest.mark.parametrize(
     ("fault", "status", "said"),
     [

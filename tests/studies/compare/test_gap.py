@@ -4,20 +4,18 @@ import pytest
 from studies.compare.gap import Z90, compute_fieller_interval, compute_gap
 
 
-def test_a_certain_denominator_leaves_the_numerators_interval():
+def test_fiellers_bounds_are_those_of_closed_forms():
     low, high = compute_fieller_interval(0.2, 0.5, np.diag([0.01, 0.0]))
     assert (low, high) == pytest.approx(((0.2 - Z90 * 0.1) / 0.5, (0.2 + Z90 * 0.1) / 0.5))
-
-
-def test_without_a_gap_before_there_is_no_bound():
     assert compute_fieller_interval(0.0, 0.1, np.diag([0.01, 0.01])) == (-np.inf, np.inf)
-
-
-def test_the_bounds_are_where_the_difference_is_at_its_limit():
     V = np.array([[0.004, 0.001], [0.001, 0.006]])
     for kappa in compute_fieller_interval(0.1, 0.6, V):
         spread = V[0, 0] - 2 * kappa * V[0, 1] + kappa**2 * V[1, 1]
         assert (0.1 - kappa * 0.6) ** 2 == pytest.approx(Z90**2 * spread)
+    errors = np.random.default_rng(0).standard_normal((50, 2)) * 0.01
+    plain, shifted = (compute_gap((1.5, 1.0), (1.0, 1.0), errors, shift) for shift in (0.0, 0.02))
+    assert shifted.after - plain.after == pytest.approx(0.02)
+    assert shifted.shrinkage == pytest.approx(1 - 0.02 / 0.5)
 
 
 @pytest.mark.parametrize("truth", [(1.0, 0.0), (0.35, 0.35)])
@@ -32,10 +30,3 @@ def test_the_interval_of_the_shrinkage_covers(truth):
         low, high = compute_gap((recorded[0], recorded[1]), (1.0, 1.0), errors).shrinkage_90
         covered += low <= 1 - truth[1] / truth[0] <= high
     assert abs(covered / cases - 0.9) < 4 * np.sqrt(0.09 / cases)
-
-
-def test_what_sizes_are_off_by_is_added():
-    errors = np.random.default_rng(0).standard_normal((50, 2)) * 0.01
-    plain, shifted = (compute_gap((1.5, 1.0), (1.0, 1.0), errors, shift) for shift in (0.0, 0.02))
-    assert shifted.after - plain.after == pytest.approx(0.02)
-    assert shifted.shrinkage == pytest.approx(1 - 0.02 / 0.5)

@@ -17,13 +17,10 @@ def measured(recording):
     return MeasurementSetup.build(recording, calibrate(recording).parameters).measure(recording)
 
 
-def test_the_calibration_is_the_calibrators(recording, measured):
+def test_calibration_and_rms_are_the_calibrators(recording, measured):
     found = calibrate(recording)
     assert measured.mean_square == pytest.approx(found.chi2 / found.dof, rel=1e-9)
     np.testing.assert_allclose(measured.x, found.parameters.vector, rtol=0, atol=1e-11)
-
-
-def test_rms_is_that_of_the_calibrators_residuals(recording, measured):
     table = calibrate(recording).residuals
     own = table[table["interval"] == "m2"]
     values = {statistic.name: value for statistic, value in measured.statistics.items()}
@@ -31,7 +28,7 @@ def test_rms_is_that_of_the_calibrators_residuals(recording, measured):
     assert values["rms all z"] == pytest.approx(np.sqrt(np.mean(table["after_yaw_deg"] ** 2)), rel=1e-6)
 
 
-def test_white_noise_has_the_statistics_of_white_noise():
+def test_statistics_of_white_noise_and_of_a_ramp_are_closed_forms():
     x = [np.random.default_rng(k).standard_normal(4000) for k in range(5)]
     n = sum(map(len, x))
     assert abs(measure.compute_lag_correlation(x)) < 4 / np.sqrt(n)
@@ -42,9 +39,6 @@ def test_white_noise_has_the_statistics_of_white_noise():
         # σ² of white noise of the rate falls as 1/n.
         paths = [np.append(0, np.cumsum(one)) for one in x]
         assert measure.compute_allan_deviation(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
-
-
-def test_allan_deviation_of_a_ramp():
     # A rate ramp R t has σ = R τ/√2.
     path = 0.5 * 0.3 * np.arange(200.0) ** 2
     assert measure.compute_allan_deviation([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))

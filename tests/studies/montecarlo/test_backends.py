@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import re
 import socket
-import threading
 import time
 from collections import Counter
 from contextlib import contextmanager
@@ -15,8 +14,7 @@ import threadpoolctl
 
 from gyrocal.errors import InputError
 from studies.montecarlo import backends
-from studies.montecarlo.backends import open_backend
-from studies.montecarlo.cases import Task, run_cases, run_single_threaded
+from studies.montecarlo.cases import Task, run_single_threaded
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import resolve_config
 from tests.engine_studies import DRAWS, DrawsConfig, serve_dask
@@ -163,21 +161,6 @@ def test_a_bad_scheduler_address_fails_at_once_in_one_line(address, monkeypatch,
     gc.collect()  # a socket left open, or a client that waits once more, would show here
     assert time.monotonic() - begun < 5
     assert not caplog.messages
-
-
-def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):
-    """Tasks that the pool's thread has not yet handed to a worker wait when all is stopped, as when the disk is full."""
-    raised, hold = [], threading.Event()
-    monkeypatch.setattr(threading, "excepthook", raised.append)
-    pool = open_backend("loky", run_cases, jobs=2)
-    first = pool.submit(task(DrawsConfig(), range(1)))
-    first.add_done_callback(lambda _: hold.wait(60))  # holds the pool's thread, which tells of results and hands out tasks
-    assert first.result().rows
-    waiting = [pool.submit(task(DrawsConfig(), range(k, k + 1))) for k in (1, 2)]
-    threading.Timer(0.5, hold.set).start()
-    pool.close(finished=False)
-    assert not raised
-    assert all(isinstance(future.exception(), pool.deaths) for future in waiting)
 
 
 def blas_threads() -> set[int]:

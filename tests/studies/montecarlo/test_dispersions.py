@@ -45,12 +45,9 @@ def test_distributions(sampler, distribution, law):
     assert stats.kstest(draws, stats.norm(law.mean() + 0.2 * law.std(), law.std()).cdf).pvalue < 1e-3
 
 
-def test_a_latin_hypercube_has_one_case_in_each_stratum():
+def test_stratified_samples_have_one_case_in_each_stratum():
     for column in sample("lhs", 250, ("a", "b", "c")).T:
         np.testing.assert_array_equal(np.sort(np.floor(250 * column)), np.arange(250))
-
-
-def test_sobol_rows_do_not_depend_on_the_number_of_cases():
     paths = ("a", "b", "c")
     few, many = sample("sobol", 20, paths), sample("sobol", 1100, paths)
     np.testing.assert_array_equal(few, many[:20])

@@ -33,12 +33,9 @@ def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
     assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).is_inside
 
 
-def test_nees_bounds_are_those_of_chi_square():
+def test_bounds_and_intervals_are_those_of_closed_forms():
     check = statistics.check_mean_nees(np.full(200, 12.0), 12, confidence=0.95)
     assert scipy.stats.chi2.cdf(200 * check.upper, 2400) - scipy.stats.chi2.cdf(200 * check.lower, 2400) == pytest.approx(0.95)
-
-
-def test_coverage_and_its_interval():
     errors = np.array([[0.5, 2.5], [-0.9, 0.1], [1.1, 3.5], [-1.9, 0.0]])
     assert summaries.count_covered(errors, np.ones((4, 2)), "68") == (4, 8)
     assert summaries.count_covered(errors, np.ones((4, 2)), "95") == (6, 8)
@@ -46,6 +43,10 @@ def test_coverage_and_its_interval():
     low, high = statistics.compute_binomial_interval(95, 100)
     assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)  # Wilson's, by hand
     assert statistics.compute_binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
+    assert np.isnan(statistics.compute_tolerance_interval(np.arange(92.0))).all()  # of Wilks: 93 for 95 % with 95 %
+    low, high = statistics.compute_tolerance_interval(np.arange(93.0))
+    assert (low, round(high, 2)) == (0.0, 92.0)
+    assert np.isnan(statistics.compute_tolerance_interval([])).all()
 
 
 @pytest.mark.parametrize(("share", "n"), [(0.90, 100), (0.95, 400)])
@@ -56,13 +57,6 @@ def test_tolerance_intervals_cover_as_often_as_they_say(share, n):
         ends = statistics.compute_tolerance_interval(samples, share, share)
         content = law.cdf(ends[:, 1]) - law.cdf(ends[:, 0])
         assert np.mean(content >= share) == pytest.approx(share, abs=0.01)
-
-
-def test_too_few_values_have_no_tolerance_interval():
-    assert np.isnan(statistics.compute_tolerance_interval(np.arange(92.0))).all()  # of Wilks: 93 for 95 % with 95 %
-    low, high = statistics.compute_tolerance_interval(np.arange(93.0))
-    assert (low, round(high, 2)) == (0.0, 92.0)
-    assert np.isnan(statistics.compute_tolerance_interval([])).all()
 
 
 VALUES = st.lists(st.sampled_from([math.inf, *np.linspace(-1.0, 1.0, 9)]), min_size=1, max_size=300)

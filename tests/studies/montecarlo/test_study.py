@@ -96,14 +96,11 @@ def test_the_hash_is_of_what_the_rows_depend_on():
     assert sha256(DrawsConfig(overrides={"gyro.arw_deg_per_sqrt_s": arw}, scenario=load("trmm"))) == distinct[0]
 
 
-def test_studies_are_found_by_name():
+def test_studies_are_found_by_name_alone(tmp_path):
     assert find(DRAWS.name) is DRAWS
     for name in ("nowhere:STUDY", "tests.engine_studies:NOTHING", "tests.engine_studies", ":", "tests.engine_studies:odd_case"):
         with pytest.raises(InputError, match=r"module:attribute|not the study"):
             find(name)
-
-
-def test_a_study_that_workers_would_not_find_is_refused(tmp_path):
     nameless = Study("tests.engine_studies:STEPS", DrawsConfig, draws_case)
     with pytest.raises(InputError, match="not the study"):
         run(nameless, DrawsConfig(), tmp_path)

@@ -61,7 +61,7 @@ def test_intervals_of_that_half_width_cover(statistic):
     assert covered >= 126
 
 
-def test_too_few_or_odd_values_are_never_enough():
+def test_too_few_odd_or_absent_values_are_never_enough(tmp_path):
     for values in ([], [1.0], [1.0, math.inf, 2.0]):
         assert StoppingRule("mean", "x", 1.0).half_width(rows(values)) == math.inf
     assert StoppingRule("p99", "x", 1.0).half_width(rows(np.arange(50.0))) == math.inf
@@ -69,6 +69,8 @@ def test_too_few_or_odd_values_are_never_enough():
     assert StoppingRule("mean", "failed", 1.0).half_width(rows(np.zeros(64))) == pytest.approx(0.028, abs=0.001)
     with pytest.raises(InputError, match="holds no numbers"):
         StoppingRule("mean", "x", 1.0).half_width(rows(["a", "b"]))
+    with pytest.raises(InputError, match="gyr: the rows have no such column; did you mean gyro"):
+        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=StoppingRule("mean", "gyr", 0.1))
 
 
 def test_a_study_stops_when_it_has_enough(tmp_path):
@@ -93,8 +95,3 @@ def test_a_study_stops_when_it_has_enough(tmp_path):
     more = ask(0.12)
     assert more.resumed == first.cases < more.cases
     assert more.load().head(first.cases).equals(table)
-
-
-def test_columns_that_are_not_there_are_refused(tmp_path):
-    with pytest.raises(InputError, match="gyr: the rows have no such column; did you mean gyro"):
-        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=StoppingRule("mean", "gyr", 0.1))

@@ -11,13 +11,27 @@ from studies.natanson import flight, flight_gap
 TRMM = scenarios.load("trmm")
 
 
-def test_gap_without_fitted_timing():
+def test_the_gap_is_what_the_flights_calibration_left_and_wrong_signs_are_rejected():
     predicted = flight_gap.predict_residuals(TRMM)
     assert flight_gap.compute_gap_rms(predicted) <= 0.022
     assert flight_gap.compute_clean_gap_rms(predicted) <= 0.0062
     np.testing.assert_allclose(
         flight_gap.build_gap_comparison(TRMM)["clean_gap_deg"], (flight_gap.compute_noise_free_residuals() - predicted).ravel()
     )
+    # Truth is the flight's calibration, so the gap should be what that calibration left, cell by cell.
+    gap = flight.read_published_residuals("prelaunch") - flight_gap.predict_residuals(TRMM)
+    left = flight.read_published_residuals("calibrated")
+    untimed = [0, 2, 4]  # no slews: both forward modes, and the hold that one orbit fixes
+    # Table 2 is printed to 0.001 deg, twice; R (9)'s rounding and Table 3's angles to 0.001 deg add as much again.
+    np.testing.assert_allclose(gap[untimed], left[untimed], atol=0.003)
+    assert flight_gap.compute_floor_rms() == pytest.approx(np.sqrt(np.mean(left**2)))
+    found = flight_gap.compare_signs(TRMM)
+    assert found["minus_y_rate_rpo"]["favoured"] == -1
+    assert found["minus_y_rate_rpo"]["gap_rms_deg"]["-1"] < 0.03
+    assert found["minus_y_rate_rpo"]["gap_rms_deg"]["1"] > 0.1
+    right, wrong = found["residual_sign_gap_rms_deg"].values()
+    assert right < 0.02
+    assert wrong > 0.3
 
 
 def test_clean_gap_is_free_of_the_noise():
@@ -29,41 +43,3 @@ def test_clean_gap_is_free_of_the_noise():
     noise = flight.compute_rms((before - predicted).ravel())
     assert noise > 0.005
     assert flight.compute_rms((before - after - predicted).ravel()) < 0.05 * noise
-
-
-def test_prediction_reproduces_the_flights_residuals_after_calibration():
-    """Truth is the flight's calibration, so the gap should be what that calibration left, cell by cell."""
-    gap = flight.read_published_residuals("prelaunch") - flight_gap.predict_residuals(TRMM)
-    left = flight.read_published_residuals("calibrated")
-    untimed = [0, 2, 4]  # no slews: both forward modes, and the hold that one orbit fixes
-    # Table 2 is printed to 0.001 deg, twice; R (9)'s rounding and Table 3's angles to 0.001 deg add as much again.
-    np.testing.assert_allclose(gap[untimed], left[untimed], atol=0.003)
-    assert flight_gap.compute_floor_rms() == pytest.approx(np.sqrt(np.mean(left**2)))
-
-
-def test_wrong_signs_are_rejected():
-    found = flight_gap.compare_signs(TRMM)
-    assert found["minus_y_rate_rpo"]["favoured"] == -1
-    assert found["minus_y_rate_rpo"]["gap_rms_deg"]["-1"] < 0.03
-    assert found["minus_y_rate_rpo"]["gap_rms_deg"]["1"] > 0.1
-    right, wrong = found["residual_sign_gap_rms_deg"].values()
-    assert right < 0.02
-    assert wrong > 0.3
-
-
-def test_noise_from_the_spread_between_steps():
-    """Draw Table 2's columns from the model the estimate assumes, and find its random walk again."""
-    noise = flight_gap.estimate_noise_from_steps()
-    assert 1.5e-4 < noise["arw_deg_per_sqrt_s"] < 4e-4  # the flight's; see the module docstring
-    rng = np.random.default_rng(4)
-    T = flight.compute_interval_durations()[:, None]
-    estimates = []
-    for _ in range(300):
-        walk = np.cumsum(rng.normal(size=(3, 6, 3)) * np.sqrt(np.array([1, 1, 2])[:, None, None] * T) * 2e-4, axis=0)
-        columns = dict(zip(flight.FLIGHT_STEPS_S, walk, strict=True))
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(flight, "read_published_residuals", lambda phase, step, columns=columns: columns[step])
-            estimates.append(flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"])
-    estimates = np.array(estimates)
-    assert estimates.mean() == pytest.approx(2e-4, rel=5 * noise["relative_sigma"] / np.sqrt(300) + 0.01)
-    assert estimates.std() / 2e-4 == pytest.approx(noise["relative_sigma"], rel=5 / np.sqrt(600))

@@ -31,13 +31,10 @@ def drawn(panel):
     return axes
 
 
-def test_curves_have_their_lines_levels_and_scales():
+def test_curves_and_cells_have_their_lines_scales_and_crosses():
     axes = drawn(PANELS["curves"])
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["band", "bars"]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["0.5", "1", "2"]
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), X)
-
-
-def test_cells_above_the_limit_are_crossed_and_empty_ones_are_empty():
     assert [text.get_text() for text in drawn(PANELS["heat map"]).texts] == ["1e-6", "2e-5", "3e-4 ✗"]

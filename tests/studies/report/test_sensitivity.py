@@ -59,16 +59,13 @@ def rows(n: int, seed: int = 0) -> pd.DataFrame:
     return table.assign(constant=1.0, label="t", nothing=np.nan)
 
 
-def test_the_rows_of_a_study_are_ranked():
+def test_dispersions_and_causes_of_failures_are_ranked():
     found = rank_dispersions(rows(600))
     assert set(found["column"]) == {"x", "y"}
     first = found.groupby("column").head(1).set_index("column")
     assert first["dispersion"].to_dict() == {"x": "a", "y": "b"}
     assert (first["first_order"] > 0.9).all()
     assert (found.groupby("column").tail(1)["low"] < 0.02).all()
-
-
-def test_what_drives_the_failures_is_named_with_its_direction():
     found = rank_failure_causes(rows(600))
     assert list(found["dispersion"]) == ["a", "b"]
     worst = found.iloc[0]

@@ -87,16 +87,13 @@ def test_the_factor_is_that_of_the_logarithms():
     assert [len(groups[name]) for name in ("factor_18", "factor_12", "factor_6", "factor_unfitted")] == [18, 12, 6, 15]
 
 
-def test_the_best_elevation_touches_the_limb():
+def test_geometry_of_the_mounting_and_of_r6():
     """Availability rises up to the elevation at which the field's edge is the limb, and falls beyond."""
     angles = np.deg2rad([5.0, 20.0, 40.0])
     share = [geometry.compute_sun_availability(BORESIGHTS[0], up, angles).mean() for up in np.deg2rad([0.0, 20.0, 29.4, 40.0])]
     assert share[0] < share[1] < share[2] > share[3]
     assert np.rad2deg(-ELEVATION) == pytest.approx(29.4, abs=0.1)
-
-
-def test_dss_1_of_r6_has_one_tangent():
-    """With a zero slipped in c both numbers of DSS-1 stand for one |tan α|; as printed they do not (control)."""
+    # With a zero slipped in c both numbers of DSS-1 stand for one |tan α|; as printed they do not (control).
     rows = geometry.compute_alpha_tangents().set_index(["sensor", "number"])
     c, d = (rows.loc[("DSS-1", number)] for number in ("c - 1", "d"))
     assert c["tan_alpha"] == pytest.approx(d["tan_alpha"], rel=0.02)

@@ -32,17 +32,14 @@ def found(rec):
     return diagnose(load(rec))
 
 
-def test_both_answers_are_one(found):
+@pytest.mark.usefixtures("blank_figures")
+def test_both_answers_are_one_in_terminal_json_and_page(found, run_cli, rec, tmp_path, monkeypatch):
     assert found.verdict == "named"
     assert [cause.label for cause in found.causes] == ["dss_head:2"]
     assert found.sensors.present
     assert found.present
     assert found.closure is found.sensors.closure
     np.testing.assert_allclose(found.causes[0].size, 0.28156, atol=3 * found.causes[0].sigma)
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monkeypatch):
     monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *_, **options: found)
     target, page = tmp_path / "d.json", tmp_path / "d.html"
     result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))

@@ -67,20 +67,6 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     assert not row["met"]
 
 
-def test_requirements_are_three_sigma():
-    """Weighted by samples: 3 σ of 0.201°, whatever a short orbit adds."""
-    knowledge = 0.067
-    rows = [orbit("postcalibration", rms_knowledge_roll_deg=knowledge), orbit("postcalibration", samples=0.0)]
-    table = performance.build_requirements_table([run_of(rows)]).set_index(["period", "requirement", "axis"])
-    row = table.loc[("postcalibration", "knowledge", "roll")]
-    assert row["simulated_deg"] == pytest.approx(3 * knowledge)
-    assert not row["met"]
-    mixed = [orbit("postcalibration", rms_error_yaw_deg=0.1), orbit("postcalibration", samples=3000.0, rms_error_yaw_deg=0.2)]
-    table = performance.build_requirements_table([run_of(mixed)]).set_index(["period", "requirement", "axis"])
-    row = table.loc[("postcalibration", "pointing", "yaw")]
-    assert row["simulated_deg"] == pytest.approx(3 * np.sqrt((0.1**2 + 3 * 0.2**2) / 4))
-
-
 def test_maneuvers_are_on_the_flights_days():
     table = performance.compare_maneuver_dates(154.2)
     assert len(table) == 7

@@ -87,7 +87,7 @@ def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli,
     assert again["files"] == manifest["files"]  # the same bytes
 
 
-def test_what_is_stored_is_what_was_flown(short_flight):
+def test_stored_flights_are_those_flown_and_show_the_symptoms(short_flight):
     """Bit for bit, with its dtypes, in whatever order of the columns."""
     stored = load_flights(SHORT, short_flight / "table.parquet")
     slew = ("slew", next(iter(YAW_MANEUVER_TIMES)), "calibration1", "0")
@@ -97,10 +97,7 @@ def test_what_is_stored_is_what_was_flown(short_flight):
             pd.testing.assert_frame_equal(
                 getattr(stored[name], table), getattr(direct, table), check_exact=True, check_like=True
             )
-
-
-def test_symptoms_are_in_the_short_runs(short_flight):
-    """Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration."""
+    # Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration.
     short_runs = load_flights(SHORT, short_flight / "table.parquet")
     spikes = {state: short_runs["spikes", state].telemetry["error_pitch_deg"].abs().max() for state in SPIKE_FILTERS}
     assert spikes["restarted"] > 0.1 > 2 * max(spikes["off"], spikes["correct"])

@@ -13,14 +13,6 @@ from studies.validation.real_gyro import STUDY, RealConfig
 from tests.studies.validation.test_broad import SAMPLE_S, trial_frame, write
 
 LATE = 3  # samples
-SHAPE = pd.DataFrame(  # of two trials without a diagnosis
-    [
-        {"kind": "trial", "trial": "01", "verdict": "none", "chi2_per_dof": 1.0, "sigmas_widened": 1.0},
-        {"kind": "trial", "trial": "02", "verdict": "none", "chi2_per_dof": 1.1, "sigmas_widened": 1.0},
-        {"kind": "prediction", "trial": "01", "horizon_s": 1.0, "normalised_rms": 1.0},
-        {"kind": "prediction", "trial": "02", "horizon_s": 1.0, "normalised_rms": 2.0},
-    ]
-)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +33,7 @@ def rows(folder):
         return pd.DataFrame(real_gyro.run_case(config, 0, Streams(config.entropy, 0))).assign(case=0, error="")
 
 
-def test_the_delay_of_the_gyro_is_identified_and_closes_the_misfit(rows):
+def test_the_delay_is_identified_and_reported(rows, folder, tmp_path):
     (cause,) = real_gyro.select_rows(rows, "cause").to_dict("records")
     assert "time_offset" in cause["group"]
     assert cause["size"] == pytest.approx(LATE * SAMPLE_S, abs=3 * cause["sigma"])
@@ -49,9 +41,6 @@ def test_the_delay_of_the_gyro_is_identified_and_closes_the_misfit(rows):
     assert steps["step"].tolist() == ["baseline", cause["cause"], "remainder", "floor"]
     assert steps["closed"][1] > 0.9
     assert steps["closed"][1] + steps["closed"][2] == pytest.approx(1.0)
-
-
-def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path):
     made = real_gyro.build_report(RealConfig(folder=str(folder)), rows)
     (shown,) = made.tables["trials"].get_shown_data().to_dict("records")
     assert " s (" in shown["causes"]  # a size in s and a probability
@@ -62,16 +51,6 @@ def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path
     assert "CC-BY-4.0" in text
     assert "Laidig" in text
     assert (tmp_path / "waterfalls.svg").is_file()
-
-
-def test_trials_without_misfit_have_a_report_without_figure(folder):
-    made = real_gyro.build_report(RealConfig(folder=str(folder)), SHAPE)
-    assert made.figures == {}
-    assert made.check("verdicts of 2 trials").value == "none 2"
-    assert made.check("causes identified in every trial").value == "none"
-    assert made.check("normalised error over 1 s, RMS of all trials").value == pytest.approx(np.sqrt(2.5))
-    assert made.check("normalised error over 1 s, RMS of all trials").verdict == "fail"
-    assert made.check("trials with 0.8 to 1.25 over 1 s, of 2").value == 1
 
 
 def test_absent_trials_are_one_line(folder, tmp_path):
