@@ -6,16 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.special
+from scipy.spatial.transform import Rotation
 
+from diagnosis.assemble import explain_blindness
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from gyrocal import calibrate, load
 from simulator.effects import EFFECTS, parse
+from studies.report.diagnosis import format_headline
 from tests import SHARED
 from tests.diagnosis import recordings
+from tests.diagnosis.recordings import QUICK, of_rates, recorded, slews
 
 PRACTICE = SHARED / "practice"
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
@@ -138,9 +143,6 @@ def test_an_effect_left_out_of_the_library_is_unknown():
     assert answer.causes == ()
 
 
-# ---- notes on a gap ----------------------------------------------------------------------------------------------------
-
-
 def test_a_gap_that_no_calibration_sees_is_told_with_its_reason():
     recording = recordings.recorded(3, "bias_orbital:y=0.05")
     found, of_calibration = diagnose(recording), calibrate(recording)
@@ -172,8 +174,6 @@ def test_numbers_in_another_unit_are_told():
     assert abs(other.size - 0.5) < 4 * other.sigma
 
 
-# ---- swings with a period of their own ------------------------------------------------------------------------------------
-
 SWINGING = (
     *("bias_periodic", "bias_orbital", "bias_step", "bias_random_walk", "bias_markov", "noise_flicker"),
     *("reference_periodic", "reference_orbital", "reference_horizon", "reference_correlated"),
@@ -189,9 +189,6 @@ def test_a_swing_is_found_with_its_period_and_size():
     if cause.effect == "bias_periodic":
         assert abs(cause.size - 0.35) < 3.5 * cause.sigma
     assert answer.closure.closed > 0.7
-
-
-# ---- practice ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
@@ -213,3 +210,51 @@ def test_practice_recordings_answer_as_their_keys(name):
         cause = next(cause for cause in answer.causes if label in cause.group)
         if cause.label == label:
             assert abs(cause.size - one["size"]) < 3 * cause.sigma + 1e-6 * one["size"]
+
+
+def turned(recording, offset_deg):
+    """The recording with a constant rotation E of its references, A_obs = E A."""
+    q = Rotation.from_quat(recording.attitudes.quaternions) * Rotation.from_rotvec(np.deg2rad(offset_deg))
+    return replace(recording, attitudes=replace(recording.attitudes, quaternions=q.as_quat()))
+
+
+def test_a_large_offset_of_the_references_is_not_identifiable():
+    found = diagnose(turned(slews(seed=4), [0.0, 3.0, 0.0]), settings=QUICK)
+    assert (found.verdict, found.present, found.causes) == ("not identifiable", False, ())
+    assert "3 deg" in found.notes[0]
+    assert "constant offset of the references" in found.notes[0]
+    assert format_headline(found) == "This recording cannot show whether there is a misfit"
+
+
+def explain(G, sigma=1e-4, apriori=None, plausible=0.01, dof=6):
+    return explain_blindness(dof, G, np.full((3, 3), sigma), np.eye(3) if apriori is None else apriori, plausible, DEFAULT)
+
+
+def test_a_rotation_beyond_its_error_or_no_spare_observation_makes_blind():
+    G = Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix() @ np.diag([1.02, 0.98, 1.0])
+    assert "about x, y, z" in str(explain(G))
+    assert explain(np.diag([1.1, 0.9, 1.0])) is None  # scale factors turn nothing
+    assert explain(G, sigma=0.02) is None  # within its own error
+    assert explain(G, apriori=G) is None
+    assert explain(G, plausible=0.1) is None  # as gyros of a coarse grade are mounted
+    assert "as many parameters" in str(explain(np.eye(3), dof=0))
+
+
+def test_a_simulated_error_without_a_name_is_a_gap_without_a_cause():
+    assert not EFFECTS["rate_deadzone"].is_nameable
+    found = diagnose(recorded(4, "rate_deadzone:z=9e-4"), settings=QUICK)
+    assert found.present
+    assert [one for one in found.causes if one.probability > QUICK.named] == []
+
+
+def test_a_body_that_sways_shows_lines_and_no_misfit():
+    t_s = 0.25 * np.arange(4800)
+    slow = 2.0 * np.sin(2 * np.pi * t_s[:, None] / np.array([170.0, 230.0, 310.0]))
+    rates = np.deg2rad(slow + 0.3 * np.sin(2 * np.pi * 0.9 * t_s)[:, None] * [0.0, 1.0, 0.5])
+    found = prepare(of_rates(rates, 16, 0.25, np.deg2rad(2e-4), np.deg2rad(0.004), seed=5))
+    assert {line.axis for line in found.samples.lines} == {1, 2}
+    assert all(line.frequency_hz == pytest.approx(0.9, abs=1e-3) for line in found.samples.lines)
+    assert found.samples.symptoms == ()
+    assert not found.has_odd_references
+    dof = found.model.degrees_of_freedom
+    assert found.model.y @ found.model.y == pytest.approx(dof, abs=5 * np.sqrt(2 * dof))

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
-from gyrocal.recording import find_reference_rows
 from tests.diagnosis.recordings import recorded
 
 LIBRARY = ("bias_step", "bias_drift", "scale_asymmetry", "time_offset")
@@ -63,18 +62,3 @@ def test_epoch_signs_of_quaternions_and_names_of_axes_change_nothing_but_these()
         intervals=tuple(replace(one, start_s=one.start_s + by_s, stop_s=one.stop_s + by_s) for one in recording.intervals),
     )
     assert_same(asked(changed), axes, by_s)
-
-
-def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause():
-    """What is named and how large it is do not change; that the parts share an attitude is not used, which costs little."""
-    recording = plain()
-    third = recording.intervals[2]
-    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][5])
-    parts = (replace(third, name="first", stop_s=at), replace(third, name="second", start_s=at))
-    found = asked(replace(recording, intervals=(*recording.intervals[:2], *parts, *recording.intervals[3:])))
-    assert found.verdict == "named"
-    (one,), (own,) = found.causes, before().causes
-    assert one.label == own.label
-    assert one.size == pytest.approx(own.size, abs=0.1 * own.sigma)
-    assert one.sigma == pytest.approx(own.sigma, rel=0.05)
-    np.testing.assert_array_less(np.abs(found.bias - before().bias), 0.3 * before().sigma_bias)

@@ -25,9 +25,6 @@ def diagnose(recording, effects=EFFECTS, seed=0):
     return diagnose_sensors(recording, effects, seed=seed)
 
 
-# ---- the null distribution ---------------------------------------------------------------------------------------------------
-
-
 def test_p_values_of_noise_are_uniform():
     model = build_sensor_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
     assert estimate_sensor_noise(model, DEFAULT).factor == 1
@@ -42,8 +39,6 @@ def test_nominal_sensors_show_nothing():
     assert abs(found.mean_square - 1) < 4 * np.sqrt(2 / found.dof)
     assert found.unknown_probability == 0
 
-
-# ---- what is named -----------------------------------------------------------------------------------------------------------
 
 NAMED = [
     ("esa_s_filter=-0.5,time_constant_s=42",),
@@ -134,9 +129,6 @@ def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(
     assert words in found.where[0].text
     assert found.where[0].p_value < 1e-100
     assert found.to_json()["mean_square"] is None
-
-
-# ---- bad input ---------------------------------------------------------------------------------------------------------------
 
 
 def test_tables_that_cannot_be_used_are_one_line():

@@ -11,11 +11,11 @@ from diagnosis.detectors.noise_blocks import (
     cut_blocks,
     estimate_powers,
     fit_white_noise,
-    is_even,
 )
 from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.samples import examine
-from tests.diagnosis.recordings import of_rates
+from diagnosis.diagnose import diagnose
+from tests.diagnosis.recordings import of_rates, recorded
 
 
 def swing(count, size=1000.0):
@@ -37,22 +37,6 @@ def found_in(x):
 def blocks_of(x):
     """Cosines of the blocks of some samples."""
     return np.diff(cut_blocks([x]), ORDER, axis=1) @ WHITE_COSINES.T
-
-
-# ---- the blocks ----------------------------------------------------------------------------------------------------------
-
-
-def test_cosines_of_white_noise_are_independent_with_its_variance():
-    """A swing of a thousand sigmas leaves nothing of itself."""
-    draws = [blocks_of(np.random.default_rng(seed).standard_normal(6000))[:, :SHOWING] for seed in range(100)]
-    assert np.mean([is_even(one[:, :16]) for one in draws]) > 0.95
-    together = np.concatenate(draws)
-    np.testing.assert_allclose(together.T @ together / len(together), np.eye(SHOWING), atol=5 / np.sqrt(len(together)))
-    white = np.random.default_rng(3).standard_normal(20_000)
-    np.testing.assert_allclose(blocks_of(white + swing(20_000))[:, :16], blocks_of(white)[:, :16], atol=0.1)
-
-
-# ---- under M0 ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("count", "draws"), [(600, 300), (3000, 200)])
@@ -84,9 +68,6 @@ def test_jerks_are_no_noise():
     assert found_in(rng.standard_normal(60_000) + steps(rng, 60_000, 12_000)) is None
 
 
-# ---- noise that is not as stated -----------------------------------------------------------------------------------------
-
-
 def bends(rng, count, size):
     """A motion whose second derivative is white noise, all the time: in the slower cosines of all blocks."""
     return np.cumsum(np.cumsum(size * rng.standard_normal(count)))
@@ -109,9 +90,6 @@ def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less
     assert max(more) < 1e-6
 
 
-# ---- in one band ---------------------------------------------------------------------------------------------------------
-
-
 def band(rng, count, low, high, power):
     """Noise in a band of frequencies, in cycles a sample."""
     spectrum = np.fft.rfft(rng.standard_normal(count))
@@ -132,3 +110,43 @@ def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has():
     shaking = np.column_stack([band(rng, 12_000, 0.3, 0.36, 0.25) for _ in range(3)])
     assert symptoms_of(shaking) == ()
     assert [one.kind for one in symptoms_of(0.5 * rng.standard_normal((12_000, 3)))] == ["white_noise_level"]
+
+
+SIGMA = 1e-6  # of a sample
+SAMPLES = 8000
+
+
+def drawn(seed, white=1.0, reading=0.0):
+    """White noise and readout noise, in SIGMA."""
+    rng = np.random.default_rng(seed)
+    return SIGMA * (white * rng.standard_normal(SAMPLES) + reading * np.diff(rng.standard_normal(SAMPLES + 1)))
+
+
+def find_readout(x):
+    """Readout noise that is likelier than white noise."""
+    found = fit_noise_level(x, [(0, x.size)], SIGMA**2)
+    return None if found is None or found.readout is None or found.readout.probability < 0.5 else found.readout
+
+
+def test_its_size_alone_and_beside_white_noise():
+    """At a third of the white noise, eighty per cent more power: found every time, with the sigma that it states."""
+    found = [find_readout(drawn(seed, reading=0.5)) for seed in range(40)]
+    assert all(one is not None and one.is_as_stated for one in found)
+    pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
+    assert abs(pulls.mean()) < 4 / np.sqrt(40)
+    assert 0.6 < pulls.std() < 1.4
+    for seed in range(10):
+        found = find_readout(drawn(seed, white=2.0, reading=2.0))
+        assert found is not None
+        assert not found.is_as_stated
+        assert abs(found.reading - 2 * SIGMA) < 4 * found.sigma
+        assert abs(found.white - 4 * SIGMA**2) < 4 * found.white_sigma
+
+
+def test_it_is_named_and_not_an_excess_of_white_noise():
+    """On TRMM's plan at a sample of two seconds, about half the white noise of a sample: 0.4 arcsec."""
+    answer = diagnose(recorded(20, "noise_angle_white:y=0.4"))
+    assert answer.verdict == "named"
+    (cause,) = answer.causes
+    assert cause.label == "noise_angle_white:y"
+    assert abs(cause.size - 0.4) < 3 * cause.sigma

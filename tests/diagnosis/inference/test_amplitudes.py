@@ -7,10 +7,9 @@ import pytest
 import scipy.stats
 from scipy.special import logsumexp
 
-from diagnosis.inference.amplitudes import estimate_amplitudes, fit
+from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import SelectedCandidate
-from simulator.effects.common import convert_phase_amplitudes
 from tests.diagnosis.linear_models import linear_model
 
 
@@ -134,32 +133,3 @@ def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
     square = share * alone.sigma**2 + (1 - share) * ((other.size - alone.size) ** 2 + other.sigma**2)
     assert found.sigma == pytest.approx(np.sqrt(square), rel=1e-6)
     assert not any(name.endswith("_probability") for name in alone.parameters)
-
-
-def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
-    """Sines of neighbouring periods, far from the epoch: their phases there differ by turns, their sizes hardly at all."""
-    rng = np.random.default_rng(31)
-    t = 40_000 + np.arange(600.0)
-    periods = 60 * (1 + 1e-3 * np.arange(-6, 7))
-    parts = [np.column_stack([np.sin(2 * np.pi * t / P), np.cos(2 * np.pi * t / P)]) for P in periods]
-    y = parts[6] @ [0.8, -0.6] + rng.standard_normal(600)
-    model = linear_model([parts], y)
-    entry = model.candidates[0]
-    options = tuple(
-        replace(one, parameters={"period_s": float(P), "period_sigma_s": 0.01})
-        for one, P in zip(entry.options, periods, strict=True)
-    )
-    entry = replace(entry, options=options, scanned=True, read=convert_phase_amplitudes)
-    model = replace(model, candidates=(entry,))
-    members = Search(model).optimise_members((SelectedCandidate(0, 0, 0),)).members
-    (one,) = estimate_amplitudes(model, members)
-    X = parts[members[0].option]
-    alone = np.linalg.lstsq(X, y, rcond=None)[0]
-    assert one.size == pytest.approx(float(np.hypot(*alone)), rel=0.05)
-    assert np.rad2deg(np.arctan2(*alone[::-1])) == pytest.approx(one.parameters["phase_deg"], abs=5)
-    assert abs(one.size - 1.0) < 3 * one.sigma
-    table = Search(model).tables(0, None)
-    share = np.exp(table).sum(axis=1) / np.exp(table).sum()
-    best = periods[members[0].option]
-    assert one.parameters["period_s"] == best
-    assert one.parameters["period_sigma_s"] == pytest.approx(np.sqrt(share @ (periods - best) ** 2 + 0.01**2), rel=1e-6)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from diagnosis.inference.conformal import build_conformal_set, compute_scores, name_of, score
 from diagnosis.inference.levels import SIDES, compute_levels, find_character, find_side
 from simulator.effects import EFFECTS
 from simulator.effects.base import STAGE_NAMES
@@ -40,3 +41,17 @@ def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
 def test_the_library_stands_where_its_stages_act(effect, side, character):
     assert (find_side(named(effect), EFFECTS), find_character(named(effect))) == (side, character)
     assert set(SIDES) <= set(STAGE_NAMES)
+
+
+POSTERIOR = [(["a"], 0.3), (["unknown"], 0.1), (["b", "a"], 0.6)]
+
+
+def test_sets_grow_with_the_limit_on_how_much_less_likely_their_members_are():
+    assert compute_scores(POSTERIOR) == {"a + b": 0.0, "a": pytest.approx(0.5), "unknown": pytest.approx(5 / 6)}
+    assert score(POSTERIOR, ["a", "b"]) == 0.0
+    assert score(POSTERIOR, ["c"]) == 1.0
+    assert compute_scores([([], 1.0)]) == {"none": 0.0, "unknown": 1.0}
+    assert name_of(["z", "a"]) == "a + z"
+    assert build_conformal_set(POSTERIOR, 0.0) == ("a + b",)
+    assert build_conformal_set(POSTERIOR, 0.7) == ("a + b", "a")
+    assert build_conformal_set(POSTERIOR, 0.9) == ("a + b", "a", "unknown")

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.candidates import place_candidates
+from diagnosis.model.candidates import build_linear_model, place_candidates
 from diagnosis.model.groups import CandidateColumns
+from diagnosis.model.linear import Room, SelectedCandidate
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
+from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, ResidualProducts, add_step_times
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS, setting
 from simulator.simulate import motion, observe
@@ -62,19 +64,6 @@ def test_columns_are_what_the_simulator_adds(noise_free, name):
         np.testing.assert_allclose(changed, expected, atol=0.01 * np.abs(expected).max())
 
 
-def test_steps_are_columns_switched_on(model, made):
-    """Options of a step against columns that begin at its time, for each set of parameters that goes with it."""
-    effect = EFFECTS["g_matrix_step"]
-    candidate = made.candidates[made.find("g_matrix_step:y")]
-    assert {option.parameters["toward"] for option in candidate.options} == set("xyz")
-    for option in candidate.options[3::17]:
-        own = {name: value for name, value in option.parameters.items() if name != "time_sigma_s"}
-        # Tried times are those of the middle of a step's first sample; a gap's is that of its middle.
-        own["time_s"] = float(own["time_s"]) - 1.0 if not option.parameters["time_sigma_s"] else own["time_s"]
-        expected = make_columns(model, effect, "y", own)[:, 0]
-        np.testing.assert_allclose(made.W[:, option.start], expected, atol=1e-9 * np.abs(expected).max())
-
-
 def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
     listed = [c for c in made.candidates if c.listed]
     rivals = [c for c in made.candidates if not c.listed]
@@ -110,3 +99,63 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)
+
+
+RNG = np.random.default_rng(1)
+
+
+def test_columns_are_copied_where_there_is_no_room_or_others_have_it():
+    room = Room(np.empty((5, 6)))
+    room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
+    first = room.memory[:, :3]
+    one, other = RNG.standard_normal((2, 5, 2))
+    beside = room.append_columns(first, one)
+    # A second model made from the first columns must not write over those of the first.
+    again = room.append_columns(first, other)
+    np.testing.assert_array_equal(beside[:, 3:], one)
+    np.testing.assert_array_equal(again[:, 3:], other)
+    full = room.append_columns(beside, other)
+    assert not np.shares_memory(full, beside)
+    np.testing.assert_array_equal(full, np.hstack([beside, other]))
+    elsewhere = RNG.standard_normal((5, 5))
+    np.testing.assert_array_equal(room.append_columns(elsewhere, one[:, :1]), np.hstack([elsewhere, one[:, :1]]))
+
+
+BIAS, SCALE = EFFECTS["bias_step"], EFFECTS["g_matrix_step"]
+
+
+@pytest.fixture(scope="module")
+def stepped():
+    """A step of G between the times that are tried, and its linear model."""
+    one = prepared(11, "g_matrix_step:y=3000,toward=y,time_s=21456")
+    return one.model, build_linear_model(one.model, [BIAS, SCALE], rivals=False)
+
+
+def test_a_likelihood_ratio_is_that_of_the_dense_covariance(stepped):
+    _, linear = stepped
+    first = linear.find("bias_step:x")
+    members = (SelectedCandidate(first, 1, 2), SelectedCandidate(linear.find("bias_step:z"), 3, 1))
+    places, scales, _ = linear.build_design(members)
+    C = linear.X[:, places] * scales
+    S = np.eye(len(linear.y)) + C @ C.T
+    X = linear.X[:, :3] + linear.X[:, 3:6]
+    solved = np.linalg.solve(S, X)
+    expected = (solved.T @ linear.y) ** 2 / (2 * np.einsum("nk,nk->k", X, solved))
+    np.testing.assert_allclose(ResidualProducts(linear, members).log_ratio(X), expected, rtol=1e-8)
+
+
+def test_the_moment_between_two_that_are_tried_is_found(stepped):
+    model, linear = stepped
+    place = linear.find("g_matrix_step:y")
+    finer = add_step_times(model, linear, {one.name: one for one in (BIAS, SCALE)}, [((), 20.0)])
+    more = finer.candidates[place].options[len(linear.candidates[place].options) :]
+    best = max(more, key=lambda one: abs(finer.X[:, one.start] @ finer.y) / np.linalg.norm(finer.X[:, one.start]))
+    assert best.parameters["toward"] == "y"
+    assert abs(best.parameters["time_s"] - 21456) < 60  # half of the spacing of the references
+    assert abs(finer.X[:, best.start] @ finer.y) > 0.99 * max(
+        abs(finer.X[:, k] @ finer.y) / np.linalg.norm(finer.X[:, k]) for k in range(finer.X.shape[1])
+    ) * np.linalg.norm(finer.X[:, best.start])
+    # The prior of the step as a whole stays what it was, and no candidate grows without bound.
+    for one, other in zip(linear.candidates, finer.candidates, strict=True):
+        assert np.exp(other.log_weights).sum() == pytest.approx(np.exp(one.log_weights).sum())
+        assert len(other.options) <= len(one.options) + MOST_MOMENTS * FINE_STEP_TIMES

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference.evidence import log_bayes
 from diagnosis.model import linearise, process_projection, processes
 from diagnosis.model.groups import list_process_places
-from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, select_nodes, split_cells
+from diagnosis.model.process_projection import ProcessProjection, select_nodes, split_cells
 from diagnosis.model.processes import build_all_columns, build_usual_columns, markov
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
@@ -127,20 +126,3 @@ def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covarian
     early = cells.first < steps
     level = model.cell_columns[0] @ (markov(cells.t_s, tau) * np.outer(early, early)) @ model.cell_columns[0].T
     assert np.linalg.norm(level - expected) > 0.3 * np.linalg.norm(expected)
-
-
-@pytest.mark.parametrize("name", ["bias_random_walk", "reference_correlated"])
-def test_directions_that_are_left_out_do_not_change_the_evidence(model, name):
-    """The log evidence at each scale, of noise and of a strong draw of the process, with all directions and with the usual."""
-    covariance, places = list_process_places(model, EFFECTS[name])
-    rng = np.random.default_rng(3)
-    for trial in EFFECTS[name].trials(model.surroundings):
-        K = covariance(trial.parameters)
-        shares = (0.0, DECOMPOSITION.share)
-        every, some = (model.project_out_nuisance(build_usual_columns(places[0], K, share)) for share in shares)
-        size = 1 / np.linalg.norm(every[:, 0])
-        noise = model.project_out_nuisance(rng.standard_normal((model.size, 1)))
-        Y = np.hstack([noise, noise + 10 * size * every @ rng.standard_normal((every.shape[1], 1))])
-        at = np.array([1.0, 10.0, 100.0]) * size
-        before, after = (log_bayes((X.T @ X)[None], (X.T @ Y)[None], at) for X in (every, some))
-        assert np.abs(after - before).max() < 0.02

@@ -31,9 +31,6 @@ def quiet():
     return linearise_recording(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
 
 
-# ---- observations --------------------------------------------------------------------------------------------------------
-
-
 def test_observations_are_the_calibrators_residuals(recording, model):
     """In inertial axes with the sign turned; the calibrator has none for the first reference of an interval, which is zero."""
     table = residual_table(recording, GyroParameters(model.G, model.bias))
@@ -87,9 +84,6 @@ def test_cells_add_up_to_a_rate_error_throughout(model):
         error[:, axis] = 1e-6
         whole = model.whiten(model.observe_rate_error(error))[:, 0]
         np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
-
-
-# ---- noise ---------------------------------------------------------------------------------------------------------------
 
 
 def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates():

@@ -14,7 +14,7 @@ from diagnosis.inference.evidence import PEAK, log_bayes
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
-from diagnosis.model.rounded_covariates import UNKNOWN, _build_precision, estimate_course, find_rounded_covariates
+from diagnosis.model.rounded_covariates import estimate_course, find_rounded_covariates
 from simulator.effects import EFFECTS
 from simulator.effects.common import DEG_H
 from tests.diagnosis.recordings import of_rates, slews_between_references
@@ -40,24 +40,6 @@ def recorded(step, cause, size_deg_h):
     shown = temperature(rows) + 0.02 * np.random.default_rng(4).standard_normal(rows.size)
     table = pd.DataFrame({"t_s": rows, "gyro_temperature_c": np.round(shown / step) * step if step else shown})
     return replace(plain, gyro=replace(plain.gyro, rates=rates), tables={"housekeeping": table})
-
-
-def test_the_precision_is_that_of_an_integrated_wiener_process():
-    """The banded precision is the sum of those of the increments, by their covariance."""
-    d, begins, weights, sigma = np.array([1.0, 0.5, 2.0, 3.0]), np.array([1, 0, 0, 1, 0], bool), np.arange(1.0, 6.0), 0.3
-    band, expected = _build_precision(d, begins, sigma, weights), np.diag(np.repeat(np.arange(1.0, 6.0), 2) * ([1, 0] * 5))
-    for k in range(5):
-        if begins[k]:
-            expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += np.eye(2) * UNKNOWN**-2
-            continue
-        h = d[k - 1]
-        Q = sigma**2 * np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
-        H = np.zeros((2, 10))
-        H[:, 2 * k - 2 : 2 * k], H[:, 2 * k : 2 * k + 2] = -np.array([[1, h], [0, 1]]), np.eye(2)
-        expected += H.T @ np.linalg.inv(Q) @ H
-    for i in range(10):
-        for j in range(i, 10):
-            assert expected[i, j] == pytest.approx(band[3 + i - j, j] if j - i < 4 else 0.0, abs=1e-9)
 
 
 def test_the_course_is_nearer_to_the_truth_than_the_rows_are():

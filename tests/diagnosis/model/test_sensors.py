@@ -34,9 +34,6 @@ def columns_of(groups):
     return np.hstack([part for one in groups for part in one.columns])
 
 
-# ---- columns -------------------------------------------------------------------------------------------------------------
-
-
 def angles_shown(suite, recording, truth):
     """Angles of both sun sensors at their tags before they are counted, by the simulator's own kernel."""
     A, parts = convert_to_matrix(truth.sensor_quaternions), []
@@ -106,9 +103,6 @@ def test_products_are_those_of_the_full_covariance():
     assert dof == len(rows.z) - 6
 
 
-# ---- rows ----------------------------------------------------------------------------------------------------------------
-
-
 def test_rows_have_the_products_of_all_measurements(nominal):
     tables = build_tables(nominal[:3], EFFECTS)
     for number, fitted in enumerate(nominal[:3]):
@@ -118,9 +112,6 @@ def test_rows_have_the_products_of_all_measurements(nominal):
         scale = np.sqrt(np.maximum(np.outer(np.diag(gram), np.diag(gram)), 1e-30))
         np.testing.assert_allclose(rows.T @ rows / scale, gram / scale, atol=1e-9)
         assert tables.dof[number] == dof
-
-
-# ---- parameters between the options --------------------------------------------------------------------------------------
 
 
 def test_uncertain_parameters_widen_a_size():

@@ -36,9 +36,6 @@ def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
 
 
-# ---- directions, temperatures and the past ----------------------------------------------------------------------------
-
-
 def test_a_direction_follows_the_attitude_matrix(model, bins, families):
     """Its columns about z from components along x are those of rate errors a_xj, step by step."""
     columns = families["bias follows the direction to something in inertial space", "z"][0]

@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 import scipy.stats
 
+import gyrocal
+import simulator
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.plan import visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
 from diagnosis.plan.extras import list_maneuvers
+from diagnosis.plan.invisible import find_invisible_effects
 from diagnosis.plan.pipeline import plan
 from diagnosis.plan.separability import compute_confusion_shares, list_pairs
 from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import calibrate
-from simulator.effects import EFFECTS, setting
+from simulator.effects import EFFECTS, parse, setting
 from simulator.scenario import load, override
 from simulator.simulate import motion, observe
 from simulator.streams import generator
@@ -70,9 +73,6 @@ def detected(scenario, power):
     return count
 
 
-# ---- by simulation -------------------------------------------------------------------------------------------------------
-
-
 def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap_and_none_without(every, power, detected):
     one = every["scale_asymmetry:z"]
     seen = find_visible_size(one, power)
@@ -98,9 +98,6 @@ def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power
     assert rates[2] == pytest.approx(SETTINGS.power, abs=0.08)
 
 
-# ---- signatures ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("text", ["reference_horizon:z", "scale_quadratic:y"])
 def test_signature_is_what_the_simulator_does(text, scenario, model, every):
     one = every[text]
@@ -111,9 +108,6 @@ def test_signature_is_what_the_simulator_does(text, scenario, model, every):
     changed = linearise_recording(recording, model.G, model.bias)
     expected = amount * one.X[:, 0] @ EFFECTS[one.effect].amplitudes(setting(one.effect, one.axis, 1.0))
     np.testing.assert_allclose(changed.y - model.y, expected, atol=0.02 * np.abs(expected).max())
-
-
-# ---- pairs ---------------------------------------------------------------------------------------------------------------
 
 
 def made(label, X):
@@ -133,9 +127,6 @@ def test_pairs_share_the_squared_cosine_and_lag_and_time_offset_are_the_same(eve
         ("rate_lag", "time_offset", np.inf),
         ("time_offset", "rate_lag", np.inf),
     ]
-
-
-# ---- the whole -----------------------------------------------------------------------------------------------------------
 
 
 def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):
@@ -162,3 +153,33 @@ def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
     assert "scale_asymmetry:x" in extra.gained
     assert extra.resolved
+
+
+SCENARIO = simulator.load("trmm_series")
+
+
+@pytest.fixture(scope="module")
+def found():
+    recording = simulator.simulate(SCENARIO, seed=1)
+    result = gyrocal.calibrate(recording)
+    effects = find_invisible_effects(recording, result.parameters.G, result.parameters.bias, result.sigma)
+    return result, {one.label: one for one in effects}
+
+
+@pytest.mark.parametrize("label", ["scale_quadratic:z", "scale_asymmetry:x"])
+def test_a_hidden_effect_moves_the_calibration_as_predicted_and_leaves_no_misfit(found, label):
+    """The noise of both recordings is the same, so that their difference is that of the effect."""
+    plain, effects = found
+    one = effects[label]
+    moved = gyrocal.calibrate(simulator.simulate(SCENARIO, seed=1, effects=[parse(f"{label}={one.size}")]))
+    change = moved.parameters.vector - plain.parameters.vector
+    np.testing.assert_allclose(change, one.change, atol=0.3 * plain.sigma.max() + 0.02 * np.abs(one.change).max())
+    assert np.abs(one.sigmas).max() > 10
+    assert moved.p_value > 1e-3
+    assert "would show it" in one.describe()
+
+
+def test_effects_that_leave_a_misfit_are_not_listed(found):
+    """The slews about y go both ways, and a bias that follows the orbit is seen within an interval."""
+    _, effects = found
+    assert not {"scale_asymmetry:z", "bias_orbital:y"} & set(effects)

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gyrocal.calibration.problem import Iterates
 from gyrocal.errors import InputError
 from simulator.streams import generator
+from studies.calibration import timestep
 from studies.montecarlo.engine import open_study_folder, rerun, run
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, STEPS, DrawsConfig, OddConfig
@@ -30,9 +32,6 @@ def parts(folder: Path) -> list[str]:
 
 def manifest(folder: Path) -> dict:
     return json.loads((folder / "manifest.json").read_text())
-
-
-# What a run leaves behind
 
 
 def test_the_table_holds_every_case_in_order_and_counts_warnings(tmp_path, caplog):
@@ -55,9 +54,6 @@ def test_the_table_holds_every_case_in_order_and_counts_warnings(tmp_path, caplo
 def parts_of(monkeypatch):
     """Sets the number of parts that a study has at least, and so the cases of a part."""
     return lambda count: monkeypatch.setattr("studies.montecarlo.store.PARTS", count)
-
-
-# Failures
 
 
 def test_a_case_that_raises_is_a_row(parts_of, tmp_path):
@@ -105,9 +101,6 @@ def test_failed_cases_are_run_again_on_demand_only(parts_of, tmp_path):
     assert not list((folder / "failures").iterdir())
 
 
-# Single cases
-
-
 def test_a_case_repeated_alone_is_the_row_of_the_table(tmp_path):
     config = DrawsConfig(cases=8, fail=(3,), label=True)
     table = serial(STEPS, config, tmp_path).load()
@@ -128,9 +121,6 @@ def test_a_case_that_differs_is_seen(tmp_path):
     assert rerun(DRAWS, config, 4, tmp_path / "study").same is False
     assert rerun(DRAWS, config, 3, tmp_path / "study").same is True
     assert rerun(DRAWS, config, 3, tmp_path / "other").same is None
-
-
-# Resuming
 
 
 def test_only_what_is_missing_is_computed(parts_of, tmp_path):
@@ -219,9 +209,6 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
     outcome = serial(DRAWS, config, tmp_path)
     assert outcome.resumed == 3
     assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
-
-
-# Being stopped. A real process is told to stop at a real moment.
 
 
 def start(tmp_path: Path, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfig, Path]:
@@ -315,3 +302,35 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_resume(tmp_path, monkeypatch):
     assert manifest(folder)["status"] == "interrupted"
     wait_for(lambda: not processes_of(process.pid))
     check_resumable(config, folder, tmp_path, monkeypatch)
+
+
+TURNED = "gyro.true_G.0.1"  # one in it turns the attitude of a slew by radians
+
+
+def test_a_dispersion_of_a_billion_is_a_failure(tmp_path):
+    study = timestep.STUDY
+    dispersions = {TURNED: {"kind": "normal", "sigma": 1e9}}
+    config = study.config.model_validate_json(json.dumps({"cases": 2, "dispersions": dispersions, "steps_s": [0.5]}))
+    outcome = run(study, config, tmp_path, backend="serial")
+    assert sorted(outcome.failures) == [0, 1]
+    assert all("too large to linearise" in error and "diverged" in error for error in outcome.failures.values())
+    assert "2 failed (2 InputError" in outcome.summary()
+
+
+def iterates(**differences) -> Iterates:
+    values = {"x": np.zeros((3, 12)), "theta": np.full((3, 6, 3), 0.01), "P": np.eye(12), "chi2": 6.0}
+    return Iterates(**(values | differences))
+
+
+@pytest.mark.parametrize(
+    ("differences", "reason"),
+    [
+        ({"theta": np.full((3, 6, 3), 0.4)}, "39.7 deg under the parameters to start from"),
+        ({"theta": np.full((3, 6, 3), np.nan)}, "nan deg under"),
+        ({"x": np.full((3, 12), np.inf)}, "not finite"),
+        ({"P": -np.eye(12)}, "not finite"),
+    ],
+)
+def test_iterations_that_diverged_are_not(differences, reason):
+    with pytest.raises(InputError, match=f"diverged: .*{reason}"):
+        iterates(**differences).check_convergence()

@@ -56,21 +56,6 @@ def test_run_counts_are_the_smallest_by_the_binomial_law(success, risk, beyond):
     assert (before.outcome, before.fewest) == ("undecided", 1)
 
 
-@pytest.mark.parametrize(("cases", "beyond"), [(852, 0), (1000, 2), (3000, 20), (3000, 9), (500, 5), (1, 1)])
-def test_answers_are_those_of_clopper_and_pearson(cases, beyond):
-    test = stats.binomtest(beyond, cases)
-    high = test.proportion_ci(0.8, method="exact").high  # each end of it with 90 %
-    low = test.proportion_ci(0.8, method="exact").low
-    expected = (
-        "met"
-        if high <= THREE_SIGMA.failure_probability
-        else "not met"
-        if low >= THREE_SIGMA.failure_probability
-        else "undecided"
-    )
-    assert THREE_SIGMA.judge_counts(cases, beyond).outcome == expected
-
-
 def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
     table = rows(np.full(1000, 0.1))
     assert THREE_SIGMA.judge(table).beyond == 0
