@@ -4,14 +4,6 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.noise_blocks import (
-    ORDER,
-    SHOWING,
-    WHITE_COSINES,
-    cut_blocks,
-    estimate_powers,
-    fit_white_noise,
-)
 from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
@@ -32,11 +24,6 @@ def steps(rng, count, number, size=8.0):
 
 def found_in(x):
     return fit_noise_level(x, [(0, x.size)], 1.0)
-
-
-def blocks_of(x):
-    """Cosines of the blocks of some samples."""
-    return np.diff(cut_blocks([x]), ORDER, axis=1) @ WHITE_COSINES.T
 
 
 @pytest.mark.parametrize(("count", "draws"), [(600, 300), (3000, 200)])
@@ -66,28 +53,6 @@ def test_jerks_are_no_noise():
             least = min(least, 1.0 if one is None else one.p_value)
     assert least > 1e-3
     assert found_in(rng.standard_normal(60_000) + steps(rng, 60_000, 12_000)) is None
-
-
-def bends(rng, count, size):
-    """A motion whose second derivative is white noise, all the time: in the slower cosines of all blocks."""
-    return np.cumsum(np.cumsum(size * rng.standard_normal(count)))
-
-
-def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less_well():
-    """Its power counts as an uncertainty: a level as stated is never called another, one of 30 % more power always."""
-    count, moving, as_stated, more = 80_000, 0, [], []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
-        moving += not fit_white_noise(estimate_powers(blocks_of(white + motion)[:, :SHOWING]), count // 38).still
-        one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
-        assert other is not None
-        assert abs(other.variance - 1.3) < 4 * other.sigma
-        more.append(other.p_value)
-        as_stated.append(1.0 if one is None else one.p_value)
-    assert moving > 10
-    assert min(as_stated) > 1e-3
-    assert max(more) < 1e-6
 
 
 def band(rng, count, low, high, power):

@@ -8,7 +8,7 @@ import pytest
 import scipy.special
 
 from diagnosis.detectors import samples as stream
-from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, undo_lattice
+from diagnosis.detectors.lattice import find_lattice_step, undo_lattice
 from diagnosis.detectors.samples import examine
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT
@@ -87,16 +87,6 @@ def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, moving):
     p = [find_peak(np.random.default_rng(seed).standard_normal(edges[-1]), look, 0.1).p_value for seed in range(120)]
     assert np.mean(np.array(p) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 120)
     assert min(p) > 1e-5
-
-
-@pytest.mark.parametrize("kind", ["rounded", "cut"])
-def test_mean_reading_against_draws(kind):
-    rng = np.random.default_rng(6)
-    step, sigma = 1.0, 0.2
-    x = np.array([-3.3, -0.9, -0.2, 0.0, 0.45, 0.55, 1.7])
-    noisy = x + sigma * rng.standard_normal((200_000, 1))
-    drawn = (np.round(noisy / step) if kind == "rounded" else np.trunc(noisy / step)).mean(axis=0)
-    assert np.allclose(compute_mean_reading(x, step, sigma, kind), drawn, atol=5 * 0.5 / np.sqrt(200_000))
 
 
 @pytest.mark.parametrize("level", [0.0, 2.0, -40.0])

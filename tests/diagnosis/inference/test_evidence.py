@@ -28,10 +28,6 @@ def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
     ours = log_bayes(gram, correlation, scales)
     monkeypatch.setattr(evidence, "MANY", 91)
     np.testing.assert_allclose(ours, log_bayes(gram, correlation, scales), rtol=1e-11, atol=1e-9)
-    # Where rounding leaves I + s² XᵀX negative, what shows nothing counts as nothing.
-    monkeypatch.setattr(evidence, "MANY", 48)
-    gram = gram - np.eye(90)
-    assert np.isfinite(log_bayes(gram, correlation, scales)).all()
 
 
 @pytest.mark.parametrize("mean", [-3.0, 0.4])

@@ -13,7 +13,7 @@ def model():
     return prepared(3, every_s=300.0).model
 
 
-def test_predictions_are_those_of_the_joint_normal_distribution(model):
+def test_predictions_are_those_of_the_joint_normal_distribution_with_unit_variance(model):
     """Mean and covariance of one fold from the inverse of the training part's covariance, with broad priors on what M0 fits."""
     sigma = np.zeros((model.size, model.size))
     for block in model.blocks:
@@ -37,10 +37,7 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
         shown = reverse_whitening(model, W)
         left = shown[out] - gain @ shown[~out]
         np.testing.assert_allclose(fold.left_X.T @ fold.left_X, left.T @ np.linalg.solve(C, left), rtol=1e-4)
-
-
-def test_errors_of_m0s_predictions_have_unit_variance():
-    """Over recordings of M0, the mean square of all rows held out is one."""
+    # Over recordings of M0, the mean square of all rows held out is one.
     total, dof = 0.0, 0
     for seed in range(3):
         model = prepared(seed, every_s=300.0).model

@@ -31,7 +31,7 @@ def quiet():
     return linearise_recording(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
 
 
-def test_observations_are_the_calibrators_residuals(recording, model):
+def test_observations_are_the_calibrators_residuals_and_columns_what_they_lack(recording, model, quiet):
     """In inertial axes with the sign turned; the calibrator has none for the first reference of an interval, which is zero."""
     table = residual_table(recording, GyroParameters(model.G, model.bias))
     theta = np.deg2rad(table[[f"before_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
@@ -41,10 +41,7 @@ def test_observations_are_the_calibrators_residuals(recording, model):
     np.testing.assert_allclose(ours[first], 0, atol=1e-15)
     np.testing.assert_allclose(ours[~first], theta, atol=1e-12)
     np.testing.assert_array_equal(model.zeta, model.residuals.ravel())
-
-
-def test_calibration_columns_are_what_the_residuals_lack(quiet):
-    """Finite differences in all twelve parameters, without noise, which turns them by tenths of a percent."""
+    # Finite differences in all twelve parameters, without noise, which turns them by tenths of a percent.
     scale = np.append(np.full(9, 1e-6), np.full(3, np.deg2rad(5e-8)))
     for k in range(12):
         change = np.zeros(12)
@@ -54,7 +51,7 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
         assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
 
-def test_a_reference_error_moves_its_own_observation_only(recording, model):
+def test_a_reference_error_moves_its_own_observation_and_cells_add_up(recording, model):
     """The turn of one reference by a small angle, against its column."""
     row, angle = 5, np.deg2rad([1e-3, -2e-3, 5e-4])
     error = np.zeros((len(model.at_reference), 3, 1))
@@ -70,10 +67,7 @@ def test_a_reference_error_moves_its_own_observation_only(recording, model):
     assert np.count_nonzero(expected) == 3
     columns = model.reference_columns[:, :, row]  # of each body axis, whitened
     assert np.allclose(angle @ columns, model.whiten(expected), atol=1e-9)
-
-
-def test_cells_add_up_to_a_rate_error_throughout(model):
-    """A constant rate error about one axis is that of all cells together, and cells end at every reference."""
+    # A constant rate error about one axis is that of all cells together, and cells end at every reference.
     cells = model.cells
     assert cells.duration_s.sum() == pytest.approx(model.dt.sum())
     for block in model.blocks:

@@ -30,14 +30,11 @@ def families(model):
     return {(family.name, family.axis): family.columns for family in deterministic_alternatives.build_families(model)}
 
 
-def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
+def test_columns_of_a_constant_and_of_a_direction_are_closed_forms(model, bins, families):
     for axis in range(3):
         column = bins_of.observe_rate_errors(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
-
-
-def test_a_direction_follows_the_attitude_matrix(model, bins, families):
-    """Its columns about z from components along x are those of rate errors a_xj, step by step."""
+    # Its columns about z from components along x are those of rate errors a_xj, step by step.
     columns = families["bias follows the direction to something in inertial space", "z"][0]
     A = model.to_inertial.transpose(0, 2, 1)
     error = np.zeros((len(A), 3, 3))

@@ -82,22 +82,6 @@ def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap_and_none_with
     assert scipy.stats.binom.sf(count - 1, SEEDS, DEFAULT.false_alarm_rate) > 0.002
 
 
-def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
-    one = every["bias_random_walk:y"]
-    seen = find_visible_size(one, power)
-    rng = np.random.default_rng(3)
-    noise = model.project_out_nuisance(rng.standard_normal((model.size, 400)))
-    drawn = one.draw(rng, 400 if one.process else 1)
-
-    def rate(amplitude):
-        return np.mean(power.statistic(noise + amplitude * drawn) > power.threshold)
-
-    rates = [rate(factor * seen.size) for factor in (0.0, 0.5, 1.0, 1.5)]
-    assert rates[0] < 0.03
-    assert rates == sorted(rates)
-    assert rates[2] == pytest.approx(SETTINGS.power, abs=0.08)
-
-
 @pytest.mark.parametrize("text", ["reference_horizon:z", "scale_quadratic:y"])
 def test_signature_is_what_the_simulator_does(text, scenario, model, every):
     one = every[text]
@@ -137,17 +121,13 @@ def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):
     chosen = {name: part for name, part in list_maneuvers(scenario).items() if name.startswith("roll")}
     found = plan(scenario, extras=chosen, progress=lambda text, share: told.append(share))
     assert told == sorted(told)
-    simulated = {"clock_wander"}  # without columns and covariance
-    assert {one.effect for one in found.effects} == {name for name, one in EFFECTS.items() if not one.in_samples} - simulated
     assert found.degrees_of_freedom == 6
     assert "6 degrees of freedom" in found.notes[0]
     by_label = {one.label: one for one in found.effects}
     assert by_label["time_offset"].verdict != "visible"
-    assert "are not computed" in " ".join(found.notes)
     assert by_label["bias_drift:y"].verdict == "visible"
     # Steps of different elements cannot be told apart by so few numbers.
     assert all(np.isnan(one.snr) or one.snr > SETTINGS.limit_snr for one in found.pairs)
-    assert len(found.list_unordered_pairs()) > 20
     (extra,) = found.extras
     assert extra.ratio < 1
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))

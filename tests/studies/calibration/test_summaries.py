@@ -7,7 +7,7 @@ from studies.calibration.shared_truth import build_once
 from studies.montecarlo.study import StudyConfig
 
 
-def test_orders_and_crossings_of_known_curves():
+def test_orders_crossings_and_percentiles_of_known_values():
     x = np.array([0.5, 1.0, 2.0, 4.0])
     assert summaries.fit_log_slope(x, 3 * x**1.7) == pytest.approx(1.7)
     assert summaries.find_level_crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
@@ -15,9 +15,6 @@ def test_orders_and_crossings_of_known_curves():
     assert np.isnan(summaries.find_level_crossing(x, x, 5.0))
     assert np.isnan(summaries.find_level_crossing(x, x, 0.1))
     assert np.isnan(summaries.fit_log_slope([1.0], [2.0]))
-
-
-def test_the_flight_beside_simulated_values():
     values = pd.Series(np.arange(101.0))
     assert summaries.summarise_with_flight(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)
     found = summaries.summarise_with_flight(values, np.nan)

@@ -104,9 +104,6 @@ def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
     assert {"nees", "coverage", "printed_digits"} <= set(summary)
     assert json.loads((tmp_path / "manifest.json").read_text())["config"]["overrides"]["interval.1.stop_s"] == 13500.0
     assert "| before, 1 roll | – |" in (tmp_path / "tables.md").read_text()
-    refused = run_cli("reproduce", "--paper", "natanson", "--scenario", "trmm_series")
-    assert refused.exit_code == 2
-    assert "--out FOLDER" in refused.stderr
 
 
 def pressed(*arguments):

@@ -15,7 +15,7 @@ from gyrocal import InputError, load, save
 from simulator import scenario as scenarios
 from studies.cli.main import main
 from studies.report import console as consoles
-from studies.report import panels, svg
+from studies.report import svg
 from tests.builders import piecewise_recording
 from tests.gyrocal.recording.test_parquet import recording
 
@@ -85,8 +85,4 @@ def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli
     figure.subplots().set_title("\x1b[2Jred\x00 ψ")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        panels.save(figure, tmp_path / "a.svg")
-        pages = [(tmp_path / "a.svg").read_bytes(), svg.render_svg(figure)]
-    for page in pages:
-        assert ElementTree.fromstring(page).tag.endswith("svg")
-        assert b"[2Jred" in page
+        assert ElementTree.fromstring(svg.render_svg(figure)).tag.endswith("svg")

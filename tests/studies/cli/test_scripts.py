@@ -41,14 +41,11 @@ def test_a_calibration_fails_on_a_condition(condition, status, recording, run_cl
     assert len(suite[0]) == status // 3
 
 
-def test_what_is_not_known_fails():
+def test_checks_and_what_is_not_known_as_tests(tmp_path):
     assert compare_conditions(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
     assert compare_conditions(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
     with pytest.raises(InputError):
         compare_conditions(["x<1"], {"p": 0.5})
-
-
-def test_checks_as_tests(tmp_path):
     checks = [
         Check("inside", 1.0, (0.0, 2.0), "deg"),
         Check("outside", 3.0, (0.0, 2.0), "deg"),

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
 
 from diagnosis.adopt import adopt_causes
 from diagnosis.diagnose import diagnose
@@ -12,15 +11,19 @@ from simulator.effects import parse
 from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
-from tests.studies.compare.recordings import recorded
+from tests.diagnosis import recordings
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
+
+
+def recorded(seed):
+    return recordings.recorded(seed, ORBITAL, sample_s=4.0)
 
 
 @pytest.fixture(scope="module")
 def orbital():
     """A recording with an effect, and the scenario that its diagnosis stands for."""
-    recording = recorded(5, ORBITAL)
+    recording = recorded(5)
     found = diagnose(recording, library=["bias_orbital"])
     adoption = adopt_causes(found)
     return recording, AdoptedScenario(
@@ -49,7 +52,7 @@ def test_an_adopted_effect_closes_the_gap_beside_parameters_that_are_not_judged(
 def test_of_another_recording_the_parameters_are_judged(orbital):
     # The next recording of the unit, flown with what the first has shown: predicted before it is looked at.
     _, scenario = orbital
-    following = recorded(6, ORBITAL)
+    following = recorded(6)
     standing = compare(following, [("predicted", scenario)], runs=60, seed=2).standings[1]
     assert not standing.fitted
     table = standing.statistics
@@ -82,16 +85,3 @@ def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     assert mean == pytest.approx((dof - 2) / dof, abs=4 * np.sqrt(2 / dof / 60))
     # The posterior is that of least squares with a wide prior: tr(W C Wᵀ) is the number of amplitudes.
     assert bench.size_error * dof == pytest.approx(2, rel=0.2)
-
-
-@pytest.mark.long
-def test_percentiles_of_m0_are_uniform():
-    percentiles, held = [], 0
-    for seed in range(12):
-        standing = compare(recorded(100 + seed), [], runs=20, seed=seed).standings[0]
-        table = dict(zip(standing.names, standing.statistics["percentile"], strict=True))
-        percentiles.append([table["mean square of the calibration"], table["residual rate lag-1 correlation y"]])
-        held += standing.gap.before_90[0] <= 0 <= standing.gap.before_90[1]
-    for column in np.transpose(percentiles):
-        assert kstest(column, "uniform").pvalue > 1e-3
-    assert held >= 7  # of 12 at 90 %; fewer happen once in 1800

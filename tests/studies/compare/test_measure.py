@@ -5,12 +5,12 @@ from gyrocal import calibrate
 from studies.compare import measure
 from studies.compare.gap import Z90, compute_fieller_interval, compute_gap
 from studies.compare.measure import MeasurementSetup
-from tests.studies.compare.recordings import recorded
+from tests.diagnosis import recordings
 
 
 @pytest.fixture(scope="module")
 def recording():
-    return recorded(1)
+    return recordings.recorded(1, sample_s=4.0)
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,7 @@ import os
 
 import numpy as np
 import pandas as pd
-import pytest
 
-from gyrocal import InputError
-from studies.cli import options
 from studies.montecarlo import files
 
 
@@ -38,14 +35,3 @@ def test_tables(tmp_path):
     files.write_parquet(tmp_path / "a.parquet", table)
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table)
     assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]
-
-
-def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
-    options.check_writable(None)
-    options.check_writable(tmp_path / "new.json")
-    for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "no folder")):
-        with pytest.raises(InputError, match=message):
-            options.check_writable(path)
-    monkeypatch.setattr(options.os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match="cannot be written"):
-        options.check_writable(tmp_path / "new.json")

@@ -19,24 +19,20 @@ NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
 PATH = "gyro.true_G.0.0"
 
 
-def test_settings_are_changed_by_name_or_by_a_path_in_the_scenario():
-    config = load_config(
-        DRAWS,
-        None,
-        {
-            "cases": 7,
-            "steps_s": [0.5, 4.0],
-            "overrides.gyro.arw_deg_per_sqrt_s": 1e-4,
-            f"dispersions.{PATH}": NORMAL | {"sigma": 2e-3},
-            "dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 360.0},
-            "label": True,
-        },
-    )
-    assert (config.cases, config.steps_s, config.label) == (7, (0.5, 4.0), True)
-    assert config.overrides == {"gyro.arw_deg_per_sqrt_s": 1e-4}
-    assert config.dispersions[PATH].sigma == 2e-3
-    assert config.dispersions["orbit.raan_deg"].high == 360.0
+def test_settings_are_changed_by_name_by_a_path_or_by_a_file(tmp_path):
+    spread = NORMAL | {"sigma": 2e-3}
+    changes = {"steps_s": [0.5, 4.0], "overrides.gyro.arw_deg_per_sqrt_s": 1e-4, f"dispersions.{PATH}": spread}
+    config = load_config(DRAWS, None, changes)
+    assert (config.steps_s, config.dispersions[PATH].sigma) == ((0.5, 4.0), 2e-3)
     assert load_base_scenario(config).gyro.arw_deg_per_sqrt_s == 1e-4
+    path = tmp_path / "study.toml"
+    path.write_text(f'cases = 5\nsteps_s = [1.0, 8.0]\n[dispersions."{PATH}"]\nkind = "normal"\nsigma = 1e-3\n')
+    config = load_config(DRAWS, path, {"entropy": 3})
+    assert (config.cases, config.entropy, config.steps_s) == (5, 3, (1.0, 8.0))
+    assert config.dispersions[PATH].sigma == 1e-3
+    path.write_text("cases = 5\nstep_s = 1.0\n")
+    with pytest.raises(InputError, match=r"study\.toml: step_s: is not known; did you mean steps_s\?"):
+        load_config(DRAWS, path)
 
 
 @pytest.mark.parametrize(
@@ -56,17 +52,6 @@ def test_a_wrong_setting_is_one_line(path, value, message):
     with pytest.raises(InputError, match=message) as caught:
         load_config(DRAWS, None, {path: value})
     assert "\n" not in str(caught.value)
-
-
-def test_a_configuration_file(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_text(f'cases = 5\nsteps_s = [1.0, 8.0]\n[dispersions."{PATH}"]\nkind = "normal"\nsigma = 1e-3\n')
-    config = load_config(DRAWS, path, {"entropy": 3})
-    assert (config.cases, config.entropy, config.steps_s) == (5, 3, (1.0, 8.0))
-    assert config.dispersions[PATH].sigma == 1e-3
-    path.write_text("cases = 5\nstep_s = 1.0\n")
-    with pytest.raises(InputError, match=r"study\.toml: step_s: is not known; did you mean steps_s\?"):
-        load_config(DRAWS, path)
 
 
 def test_a_resolved_configuration_survives_its_json_bit_for_bit():

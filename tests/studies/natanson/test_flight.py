@@ -1,11 +1,9 @@
 """The flight's values agree with each other where they should, and the known slips are as described."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from studies.natanson import flight
-from tests import SHARED
 
 # Six rows, three numbers each, to three digits: a mean of rounded numbers is right to half a digit.
 ROUNDING = 0.00051
@@ -28,18 +26,3 @@ def test_table4_follows_from_table2(phase, step):
         flight.compute_paper_rms(table2), flight.read_published_statistics(phase, step, "rms"), atol=ROUNDING
     )
     np.testing.assert_allclose(flight.compute_rms(table2), np.sqrt(6) * flight.compute_paper_rms(table2))
-
-
-def test_shipped_numbers_are_those_typed_from_the_papers():
-    folder = SHARED / "flight"
-    if not folder.is_dir():
-        pytest.skip("the reference copy of the published values is not beside this checkout")
-    for name in (
-        "table1_intervals",
-        "table2_residuals",
-        "table3_parameters",
-        "table4_statistics",
-        "table5_corrections",
-        "g_matrix",
-    ):
-        pd.testing.assert_frame_equal(flight.read_published_table(name), pd.read_csv(folder / f"{name}.csv"))

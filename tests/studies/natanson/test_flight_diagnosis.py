@@ -47,7 +47,7 @@ def end_to_end(seed):
     )
 
 
-def test_difference_of_the_residuals_is_free_of_noise():
+def test_the_difference_of_residuals_is_free_of_noise_and_nothing_is_found_where_nothing_is():
     """y − c = Θ(x₀ − x̂) to what print leaves, for tables made without that assumption; y alone misses by the noise."""
     tables = [end_to_end(seed) for seed in range(4)]
     gaps = [table.compute_misfit_p(one, PRESENT) for one in tables]
@@ -59,9 +59,6 @@ def test_difference_of_the_residuals_is_free_of_noise():
         [(one.before - table.compute_motion_numbers(one, PRESENT).prediction).ravel() for one in tables[:2]]
     )
     assert flight.compute_rms(spread) > 0.004  # the noise d is free of
-
-
-def test_nothing_is_found_where_nothing_is():
     gaps = [table.compute_misfit_p(table_of("nothing", seed), PRESENT) for seed in range(100)]
     # One false alarm expected; seven or more would come once in 10 000 times.
     assert sum(gap["p_value"] <= FALSE_ALARM for gap in gaps) < 7

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from studies.report import entry, panels, tables
+from studies.report import entry, panels
 from studies.report.checks import Check
 from studies.report.tables import Table
 from studies.report.units import format_heading
@@ -27,20 +27,6 @@ DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "i
 )
 def test_headings_have_the_unit_of_the_column(column, expected):
     assert format_heading(column) == expected
-
-
-def test_markdown_has_few_digits_or_as_many_as_asked():
-    text = tables.format_markdown("Title", DATA, "A note.", {"step_s": ".2f"})
-    assert text.splitlines() == [
-        "## Title",
-        "",
-        "A note.",
-        "",
-        "| step (s) | error G_xx (ppm) | inside | what |",
-        "|---|---|---|---|",
-        "| 0.50 | 0.33333 | yes | a\\|b |",
-        "| 1.00 | – | no | [c] |",
-    ]
 
 
 def test_a_report_is_written_and_shown_by_names(tmp_path):

@@ -77,7 +77,7 @@ def test_maneuvers_are_on_the_flights_days():
     assert near["forward_after"].tolist()[:2] == published.tolist()[:2]
 
 
-def test_solved_bias_is_r8():
+def test_solved_bias_is_r8_and_targeting_has_rs_sign():
     """R (8) is written for G = I: b' = b + (G − I) ω_raw. With the true G the bias is b in either orientation."""
     for forward, sign in (("+x", -1.0), ("-x", 1.0)):
         rate = BASE.orbit.mean_motion + BASE.orbit.nodal_rate * np.cos(BASE.orbit.inclination)
@@ -91,9 +91,6 @@ def test_solved_bias_is_r8():
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
     assert apart[2] * ground.DEG_H_PER_RAD_S == pytest.approx(0.546, abs=0.001)
-
-
-def test_targeting_has_rs_sign():
     slew = pd.DataFrame([{**{f"targeting_{a}_deg": 0.1 * (k + 1) for k, a in enumerate(AXES)}, "bias_yaw_deg_h": 0.3}])
     (row,) = performance.collect_slew_misses(
         {("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}
