@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.own_repeats import compute_chance
 from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
@@ -62,15 +61,6 @@ def test_readings_that_are_held_or_hardly_change_are_seen_and_are_on_no_list():
     assert any("the same as before while the others change" in one.text for one in found.where)
     found = diagnose(read_as(turning(count=1500), np.zeros_like))
     assert (found.p_value < 1e-100, found.verdict) == (True, "unknown")
-
-
-def test_chances_of_formats_are_bounds():
-    """The share of p-values below any limit is at most that limit, with a step beside the noise and without one."""
-    rng = np.random.default_rng(1)
-    for step in (0.02, 0.05, 0.15):
-        p = np.array([compute_chance(x[1:], np.diff(x))[1] for x in step * np.round(rng.standard_normal((200, 4000)) / step)])
-        for limit in (0.01, 0.1):
-            assert np.mean(p < limit) < limit + 3 * np.sqrt(limit / p.size)
 
 
 SAMPLES = 6000

@@ -109,24 +109,6 @@ def test_what_is_beside_the_named_effects_is_seen_for_what_it_is(model, layout, 
     assert found[name].value > found[name].expected
 
 
-@pytest.mark.parametrize(
-    ("scatter", "name"),
-    [
-        (lambda layout: np.full(ROWS, 1.4), "size"),
-        (lambda layout: np.where(layout.speed > np.quantile(layout.speed, 0.8), 2.2, 1.0), "scatter over intervals and rates"),
-    ],
-)
-def test_noise_other_than_stated_is_seen(model, layout, scatter, name):
-    """More of it everywhere, or at fast rates."""
-    rng = np.random.default_rng(7)
-    y = drawn(model, rng, 1)[:, 0]
-    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
-    L = np.linalg.cholesky(np.eye(y.size) + C @ C.T)
-    innovations = np.linalg.solve(L, y) * np.repeat(scatter(layout), 3)
-    found = checked(model, layout, model.projected(L @ innovations))
-    assert found[name].p_value < 1e-4
-
-
 def test_single_large_residuals_are_seen_by_the_shape(model, layout):
     y = drawn(model, np.random.default_rng(8), 1)[:, 0]
     odd = np.zeros(3 * ROWS)

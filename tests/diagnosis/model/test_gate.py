@@ -15,7 +15,7 @@ from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing import explain_refusal
 from gyrocal.masking import find_mask
-from tests.diagnosis.recordings import of_rates, slews
+from tests.diagnosis.recordings import slews
 
 
 @lru_cache
@@ -94,20 +94,3 @@ def test_the_gate_asks_the_repaired_stream_and_refuses_many_outliers():
     with pytest.raises(LargeResidualError):
         check_residuals(linearise_recording(wrong, G, bias), spoilt)
     check_residuals(linearise_recording(wrong, G, bias, examine(one).rates), examine(one).rates)
-
-
-def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_between_two_references():
-    """A body that turns by thousands of degrees, and scale factors that are off by 3 %: they are found all the same."""
-    one = tumbling(apriori=np.diag([1.03, 0.97, 1.02]))
-    with pytest.raises(LargeResidualError):
-        check_residuals(linearise_recording(one, one.gyro.apriori_G, one.gyro.apriori_bias), one.gyro.rates)
-    prepared = prepare(one)
-    assert np.abs((prepared.model.G - np.eye(3)).ravel() / prepared.sigma[:9]).max() < 5
-    assert np.abs(prepared.model.bias / prepared.sigma[9:]).max() < 5
-
-
-def tumbling(apriori):
-    """A body that tumbles about changing axes at some 2 deg/s, with a gyro whose true G is the unit matrix."""
-    t_s = 0.5 * np.arange(4800)
-    rates = 0.03 * np.sin(2 * np.pi * t_s[:, None] / np.array([700.0, 1100.0, 1900.0]) + np.arange(3)) + [0.01, 0.02, 0.03]
-    return of_rates(rates, 40, 0.5, 2e-5, 1e-4, 3, G=apriori)

@@ -6,7 +6,6 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli.main import main
-from tests.studies.cli.test_plan import EXTRA
 
 WRONG = [
     # the program and its commands
@@ -83,16 +82,3 @@ def refused(run_cli, trmm, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("command", "text"), WRONG, ids=[command for command, _ in WRONG])
 def test_wrong_use_ends_in_one_line_and_status_2(refused, command, text):
     assert text in refused(*command.split())
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (EXTRA.replace("title", "titel"), "titel is not known"),
-        (EXTRA.replace("6000.0", "-6000.0"), "time order"),
-        ("[", "not a TOML file"),
-    ],
-)
-def test_a_maneuver_that_is_none_is_refused(refused, tmp_path, text, message):
-    (tmp_path / "extra.toml").write_text(text)
-    assert message in refused("plan", "trmm", "--extra", "extra.toml")

@@ -2,6 +2,9 @@
 
 import json
 import re
+import subprocess
+import sys
+from typing import get_args
 from xml.etree import ElementTree
 
 import click
@@ -11,10 +14,21 @@ import pytest
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
+from simulator.mission_mode.config import DAY
+from simulator.mission_mode.effects import MISSION_EFFECTS
+from simulator.mission_mode.mounting import Mounting
+from studies.cli import compare, mission
+from studies.cli import reproduce as reproduce_command
 from studies.cli.main import COMMAND_NAMES, main, read_help
+from studies.compare import compare as comparison
 from studies.montecarlo import engine
 from studies.natanson import paper_tables, reproduce
+from studies.natanson.reproduce import REPRODUCTION_FOLDER
 from studies.reproduction import get_work_folder
+from studies.robertson.calendar import PERIODS
+from studies.robertson.reproduce import MISSION_FOLDER
+from studies.robertson.runs import DAYS
+from tests import ROOT
 
 
 def test_the_list_of_commands_says_what_each_says_itself(run_cli):
@@ -108,3 +122,31 @@ def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
 
 def pressed(*arguments):
     raise KeyboardInterrupt
+
+
+HEAVY = "numba", "scipy", "pandas", "matplotlib", "pyarrow"
+LOADED = """
+import sys, click
+from studies.cli.main import main
+for command in sys.argv[1:]:
+    main.get_command(click.Context(main), command)
+print([name for name in {names!r} if name in sys.modules])
+"""
+
+
+def test_no_command_module_loads_what_is_heavy():
+    """Of what is looked for, only click is there, which shows that the look finds what is loaded."""
+    arguments = [sys.executable, "-c", LOADED.format(names=(*HEAVY, "click")), *COMMAND_NAMES]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert (done.stdout, done.stderr) == ("['click']\n", "")
+
+
+def test_what_the_options_list_is_what_there_is():
+    assert (tuple(MISSION_EFFECTS), get_args(Mounting), PERIODS) == (
+        mission.EFFECT_NAMES,
+        mission.MOUNTING_NAMES,
+        mission.PERIODS,
+    )
+    assert (mission.DAY, reproduce_command.DAYS) == (DAY, DAYS)
+    assert (compare.BASELINE, compare.FEWEST_FLIGHTS) == (comparison.BASELINE, comparison.FEWEST_FLIGHTS)
+    assert reproduce_command.PAPER_FOLDERS == {"natanson": REPRODUCTION_FOLDER, "robertson": MISSION_FOLDER}

@@ -3,15 +3,10 @@
 import json
 import re
 import sys
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import pandas as pd
 import pytest
-
-from gyrocal import InputError
-from studies import catalogue
-from studies.montecarlo.cases import Task, run_cases
 
 MINE = '''"""How well the mean of some noise is known."""
 
@@ -48,20 +43,6 @@ def mine(tmp_path, monkeypatch):
     for module in set(sys.modules) - known:
         if module in (name, helper):
             del sys.modules[module]
-
-
-def test_a_worker_finds_the_file_by_its_folder(mine):
-    """As a fresh process does, where neither the module nor its folder is known."""
-    study = catalogue.load_study_file(mine).study
-    path, modules = list(sys.path), [name for name in sys.modules if str(mine.stem).partition("_")[2] in name]
-    sys.path.remove(str(mine.parent))
-    for name in modules:
-        del sys.modules[name]
-    task = Task(study.name, study.config(cases=2).model_dump_json(), range(2))
-    with pytest.raises(InputError, match="cannot be imported"):
-        run_cases(task)
-    assert [row["error"] for row in run_cases(replace(task, folder=str(mine.parent))).rows] == ["", ""]
-    sys.path[:] = path
 
 
 def test_it_stops_when_told_and_ranks_what_drives_it(mine, run_cli, tmp_path):

@@ -9,12 +9,14 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from gyrocal.calibration.problem import Iterates
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.calibration import timestep
+from studies.montecarlo import files
 from studies.montecarlo.engine import open_study_folder, rerun, run
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, STEPS, DrawsConfig, OddConfig
@@ -123,7 +125,7 @@ def test_a_case_that_differs_is_seen(tmp_path):
     assert rerun(DRAWS, config, 3, tmp_path / "other").same is None
 
 
-def test_only_what_is_missing_is_computed(parts_of, tmp_path):
+def test_one_run_at_a_time_computes_only_what_is_missing(parts_of, tmp_path):
     parts_of(8)
     flag = tmp_path / "flag"
     config = DrawsConfig(cases=30, flag=str(flag))
@@ -141,6 +143,9 @@ def test_only_what_is_missing_is_computed(parts_of, tmp_path):
     assert outcome.table.read_bytes() == table
     assert "part-000000.parquet.tmp" not in parts(folder)
     assert outcome.cpu_s > 0
+    with open_study_folder(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
+        serial(DRAWS, DrawsConfig(cases=4), tmp_path)
+    serial(DRAWS, DrawsConfig(cases=4), tmp_path)
 
 
 @pytest.mark.parametrize("damage", ["flipped", "of other cases"])
@@ -181,12 +186,6 @@ def test_another_configuration_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "manifest.json").exists()
     assert table.read_bytes() == before
     assert serial(DRAWS, config, tmp_path).resumed == 6
-
-
-def test_one_run_at_a_time(tmp_path):
-    with open_study_folder(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
-        serial(DRAWS, DrawsConfig(cases=4), tmp_path)
-    serial(DRAWS, DrawsConfig(cases=4), tmp_path)
 
 
 def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
@@ -334,3 +333,33 @@ def iterates(**differences) -> Iterates:
 def test_iterations_that_diverged_are_not(differences, reason):
     with pytest.raises(InputError, match=f"diverged: .*{reason}"):
         iterates(**differences).check_convergence()
+
+
+def test_json_is_plain(tmp_path):
+    value = {
+        "a": np.float64(0.1 + 0.2),
+        "b": [np.int64(2), float("nan"), (np.inf, True)],
+        "c": np.eye(2),
+        "d": np.bool_(False),
+        "ψ": None,
+        3: "x",
+    }
+    files.write_json(tmp_path / "a.json", value)
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    expected = {"a": 0.1 + 0.2, "b": [2, None, [None, True]], "c": [[1.0, 0.0], [0.0, 1.0]], "d": False, "ψ": None, "3": "x"}
+    assert json.loads(text) == expected
+    assert "ψ" in text
+    assert text.endswith("}\n")
+
+
+def test_tables(tmp_path):
+    table = pd.DataFrame({"x": [1 / 3, np.nan], "name": ["a", "b"]})
+    files.write_csv(tmp_path / "a.csv", table, 3)
+    assert (tmp_path / "a.csv").read_text() == "x,name\n0.333,a\n,b\n"
+    files.write_csv(tmp_path / "a.csv", pd.DataFrame({"x": [1 / 3, "b", 12345678]}, dtype=object), 3)
+    assert (tmp_path / "a.csv").read_text() == "x\n0.333\nb\n12345678\n"
+    files.write_csv(tmp_path / "a.csv", table)  # nine digits unless asked: what is committed is compared by them
+    assert (tmp_path / "a.csv").read_text() == "x,name\n0.333333333,a\n,b\n"
+    files.write_parquet(tmp_path / "a.parquet", table)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table)
+    assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]

@@ -98,28 +98,16 @@ def test_every_module_that_a_case_loads_is_a_source():
     assert (int(found[0]) > 50, found[1:]) == (True, ["[]", "False"])
 
 
-def on_another_machine(monkeypatch, **differences):
+def test_rows_of_another_machine_or_worker_are_refused(tmp_path, monkeypatch):
     here = describe_provenance(DRAWS)
-    monkeypatch.setattr(
-        "studies.montecarlo.engine.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
-    )
-    monkeypatch.setattr(
-        "studies.montecarlo.cases.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
-    )
-
-
-def test_a_resume_elsewhere_is_refused(tmp_path, monkeypatch):
+    elsewhere = here | {"machine": describe_machine() | {"blas": "openblas 0.3.30 Zen", "numpy": "2.0.0"}}
+    other = here | {"sources": {"here.py": "0"}}
     config = DrawsConfig(cases=12, size=3)
     run(DRAWS, config, tmp_path, backend="serial")
     (tmp_path / "parts" / "part-000001.parquet").unlink()
-    on_another_machine(monkeypatch, blas="openblas 0.3.30 Zen", numpy="2.0.0")
+    monkeypatch.setattr("studies.montecarlo.engine.describe_provenance", lambda study: elsewhere)
     with pytest.raises(InputError, match=r"computed elsewhere \(numpy: .* → 2.0.0, blas: .* → openblas 0.3.30 Zen\); choose"):
         run(DRAWS, config, tmp_path, backend="serial")
-
-
-def test_a_worker_that_differs_is_refused(tmp_path, monkeypatch):
-    there = describe_provenance(DRAWS) | {"sources": {"here.py": "0"}}
-    monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: there)
-    config = DrawsConfig(cases=4, size=3)
+    monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: other)
     with pytest.raises(InputError, match=r"a worker differs \(.*here.py|.* more\); make them alike, or undo"):
-        run(DRAWS, config, tmp_path, backend="serial")
+        run(DRAWS, config, tmp_path / "other", backend="serial")

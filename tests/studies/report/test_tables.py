@@ -1,14 +1,15 @@
 """Tables for people have units and few digits; files have the numbers; a report has its files by their names."""
 
 import io
+import math
 
 import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
 
-from studies.report import entry, panels
-from studies.report.checks import Check
+from studies.report import checks, console, entry, panels
+from studies.report.checks import Check, bound_above, bound_below
 from studies.report.tables import Table
 from studies.report.units import format_heading
 from tests.pages import checked
@@ -51,3 +52,41 @@ def test_a_report_is_written_and_shown_by_names(tmp_path):
     entry.show(made, Console(file=out, width=120))
     assert out.getvalue().index("Short") < out.getvalue().index("largest error")
     assert made.check("largest error").verdict == "pass"
+
+
+def test_a_line_a_minute_elsewhere(monkeypatch):
+    written, now = io.StringIO(), [0.0]
+    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=False, width=120))
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.show_progress("cases", 100) as advance:
+        for now[0] in (30.0, 61.0, 90.0):
+            advance(10)
+    assert written.getvalue().splitlines() == ["cases: 20/100, 0.3/s, 248 s left"]
+
+
+@pytest.mark.parametrize(
+    ("check", "verdict"),
+    [
+        (Check("inside", 1.0, (0.5, 1.5)), "pass"),
+        (Check("above", 1.6, (0.5, 1.5)), "fail"),
+        (Check("control inside", 1.0, (0.5, 1.5), outside=True), "fail"),
+        (Check("limit", 3, bound_above(3)), "pass"),
+        (Check("count", 49, bound_below(50)), "fail"),
+        (Check("other word", "biased", "consistent"), "fail"),
+        (Check("control's word", "biased", "consistent", outside=True), "pass"),
+        (Check("no bounds", 7.0), "note"),
+        (Check("not known", math.nan, (0.0, 1.0)), "note"),
+        (Check("not near", 1.4, checks.bound_near(1.0, 0.3)), "fail"),
+    ],
+)
+def test_verdict(check, verdict):
+    assert check.verdict == verdict
+    assert checks.build_check_frame([check])["verdict"].tolist() == [verdict]
+    assert checks.format_checks([check])["verdict"].tolist() == [verdict]
+
+
+def test_extremes_leave_out_what_is_not_known():
+    smallest, largest = checks.check_extremes("order", [1.1, math.nan, 0.9], (0.95, 1.2))
+    assert (smallest.value, smallest.verdict) == (0.9, "fail")
+    assert (largest.value, largest.verdict) == (1.1, "pass")
+    assert [check.verdict for check in checks.check_extremes("order", [math.nan], (0, 1))] == ["note", "note"]
