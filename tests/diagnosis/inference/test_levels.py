@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.conformal import build_conformal_set, compute_scores, name_of, score
-from diagnosis.inference.levels import SIDES, compute_levels, find_character, find_side
+from diagnosis.inference.levels import compute_levels
 from simulator.effects import EFFECTS
-from simulator.effects.base import STAGE_NAMES
 from tests.diagnosis.linear_models import candidate
 
 COLUMN = [np.ones((4, 1))]
@@ -26,21 +25,6 @@ def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
     assert found.axis == ("x", pytest.approx(0.9))
     assert found.character == ("step", pytest.approx(0.65))
     assert found.to_json()["side"] == {"name": "gyro", "probability": pytest.approx(0.65)}
-
-
-@pytest.mark.parametrize(
-    ("effect", "side", "character"),
-    [
-        ("time_offset", "clocks", "constant per interval"),
-        ("clock_slip", "clocks", "step"),
-        ("scale_quadratic", "gyro", "follows a rate"),
-        ("reference_horizon", "references", "periodic"),
-        ("noise_excess", "samples", "noise"),
-    ],
-)
-def test_the_library_stands_where_its_stages_act(effect, side, character):
-    assert (find_side(named(effect), EFFECTS), find_character(named(effect))) == (side, character)
-    assert set(SIDES) <= set(STAGE_NAMES)
 
 
 POSTERIOR = [(["a"], 0.3), (["unknown"], 0.1), (["b", "a"], 0.6)]

@@ -5,11 +5,9 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import linearise, periods
+from diagnosis.model import periods
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.periods import make_columns, make_effect_columns
 from diagnosis.sinusoids import coherence
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
@@ -72,22 +70,6 @@ def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, a
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
             score = found.compute_log_evidence(np.array([[frequency]]), np.array([j]))[0, 0]
             assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)
-
-
-def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch):
-    """The error of each reference is along an axis of the body at that reference."""
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", model.reference_rows.size // 5)
-    averaged = linearise_recording(model.recording, model.G, model.bias)
-    assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
-    effect, axis, number = EFFECTS["reference_periodic"], "x", 0
-    constant = np.tile(np.eye(3)[number][None, :, None], (averaged.reference_rows.size, 1, 1))
-    whole = averaged.whiten(averaged.observe_reference_error(constant))[:, 0]
-    np.testing.assert_allclose(averaged.reference_columns[number].sum(axis=1), whole, atol=1e-9 * np.abs(whole).max())
-    at = periods.make_grid(averaged)
-    frequency = at.tried[20, at.tried.shape[1] // 2]
-    exact = averaged.project_out_nuisance(make_columns(averaged, effect, axis, {"period_s": 1 / frequency}))
-    (made,) = make_effect_columns(averaged, effect, axis, np.array([frequency]))
-    np.testing.assert_allclose(averaged.project_out_nuisance(made), exact, atol=1e-9 * np.abs(exact).max())
 
 
 def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at):

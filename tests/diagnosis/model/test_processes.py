@@ -8,7 +8,7 @@ import scipy.stats
 
 from diagnosis.model import linearise, process_projection, processes
 from diagnosis.model.groups import list_process_places
-from diagnosis.model.process_projection import ProcessProjection, select_nodes, split_cells
+from diagnosis.model.process_projection import ProcessProjection, split_cells
 from diagnosis.model.processes import build_all_columns, build_usual_columns, markov
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
@@ -71,16 +71,6 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
         dof += d.size
     assert scipy.stats.chi2.sf(total / (1 + share), dof) > 1e-3
     assert scipy.stats.chi2.cdf(total, dof) > 1e-3
-
-
-def test_a_wander_of_the_tags_is_an_error_of_the_references_along_the_rate(model):
-    """An attitude that is tagged late by δt is that of δt before: A(t − δt) = (I + [ω×] δt) A(t), so that its error is ω δt."""
-    late = 0.02 * np.sin(model.references.t_s / 700.0)
-    error = model.reference_rates * late[:, None]
-    expected = model.whiten(model.observe_reference_error(error[:, :, None])[:, 0])
-    rows, _ = select_nodes(model)
-    place = model.tag_place
-    np.testing.assert_allclose(place.columns @ (place.mean @ late[rows]), expected, atol=0.03 * np.abs(expected).max())
 
 
 def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch):

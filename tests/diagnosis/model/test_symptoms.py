@@ -9,14 +9,10 @@ import pytest
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import (
-    SampleCause,
     compute_posterior,
     list_sample_causes,
-    list_symptoms,
-    weigh_consequences,
 )
 from diagnosis.settings import DEFAULT
-from simulator.effects import EFFECTS
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
 
@@ -94,23 +90,3 @@ def test_noise_of_the_references_is_a_symptom_only_where_it_departs():
     (every,) = causes(mine, (), replace(NOISE, axis=None))
     assert every.symptom.axis is None
     assert (every.symptom.size, every.symptom.sigma) == pytest.approx((1.2, 0.1 / np.sqrt(3)))
-
-
-def seen(kind, axis):
-    return SampleCause(replace(OUTLIERS, kind=kind, axis=axis, probability=1.0), None, None)
-
-
-def weigh(cause, effect, probability=1.0):
-    return weigh_consequences([cause], [(EFFECTS[effect], "y", probability)], DEFAULT)
-
-
-def test_noise_that_a_process_of_the_references_makes_needs_no_other_effect():
-    effect, kind = "reference_correlated", "reference_noise_level"
-    assert kind in list_symptoms(EFFECTS[effect])
-    assert weigh(seen(kind, "y"), effect) == []
-    assert weigh(seen(kind, None), effect) == []  # of all axes
-    assert weigh(seen(kind, "x"), effect) == [seen(kind, "x")]
-    assert weigh(seen("plateau", "y"), effect) == [seen("plateau", "y")]
-    (left,) = weigh(seen(kind, "y"), effect, probability=0.5)
-    assert left.symptom.probability == pytest.approx(1 - 0.5 * (1 - DEFAULT.another))
-    assert list_symptoms(EFFECTS["bias_step"]) == ()

@@ -3,10 +3,8 @@
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
-from scipy.spatial.transform import Rotation
 
 import gyrocal
 from studies.cli.main import main
@@ -58,22 +56,3 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same_as_json_says(run_c
     read = json.loads(said.read_text())
     assert read["recording"]["references"] == recording.attitudes.t_s.size
     assert sorted(read["files"]) == sorted(str(path) for path in (folder / "e").iterdir())
-
-
-def test_a_gyro_mounted_by_hand_is_refused_with_the_option_that_imports_it(run_cli, folder):
-    turn = Rotation.from_rotvec(np.deg2rad([50.0, 20.0, -30.0]))
-    table = pd.read_csv(folder / "gyro.csv")
-    table[["gx", "gy", "gz"]] = turn.apply(table[["gx", "gy", "gz"]].to_numpy())
-    table.to_csv(folder / "turned.csv", index=False)
-    arguments = ("import", "csv", str(folder / "turned.csv"), str(folder / "mocap.csv"), str(folder / "turned"), *OPTIONS)
-    refused = run_cli(*arguments)
-    assert refused.exit_code == 2
-    assert "--mounting estimate, which rotates the gyro's axes by 6" in refused.stderr
-    assert run_cli(*arguments, "--mounting", "estimate").exit_code == 0
-    done = run_cli("calibrate", str(folder / "turned"), "--json", str(folder / "turned.json"))
-    assert done.exit_code == 0, done.stderr
-    assert "Plausible ranges: 0.1 in G and 3.6e+04 deg/h in b (MEMS grade" in " ".join(done.stdout.split())
-    found = json.loads((folder / "turned.json").read_text())
-    assert found["mounting"]["angle_deg"] == pytest.approx(np.rad2deg(turn.magnitude()), abs=2.0)
-    assert found["mounting"]["change_from_apriori_deg"] < 3.0
-    assert found["warnings"] == []

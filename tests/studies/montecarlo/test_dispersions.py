@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import TypeAdapter
 from scipy import stats
@@ -14,6 +15,7 @@ from studies.montecarlo.study import (
     draw_case_values,
     resolve_config,
 )
+from tests.docs.blocks import blocks
 from tests.engine_studies import observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
@@ -187,3 +189,15 @@ def test_correlated_draws_have_their_covariance_and_leave_the_others(sampler):
 def test_what_is_no_correlation_matrix_is_refused(matrix, message):
     with pytest.raises(ValueError, match=message):
         Correlation(paths=(B0, B1), matrix=matrix)
+
+
+def test_other_packages_read_the_rows_as_the_docs_say(tmp_path, capsys):
+    pytest.importorskip("openturns", reason="no dependency of the project")
+    rng = np.random.default_rng(0)
+    arw, b = 10 ** rng.uniform(-4, -3, 500), 1e-4 * rng.standard_normal(500)
+    rows = {"case": range(500), "error": "", "disp:arw": arw, "disp:b": b, "largest_error_ppm": 1e5 * arw * (1 + 1e4 * b) ** 2}
+    pd.DataFrame(rows).to_parquet(tmp_path / "table.parquet")
+    exec(blocks("docs/requirements.md", "python")[0].replace("/tmp/noise", str(tmp_path)), {})
+    indices, probability = capsys.readouterr().out.splitlines()
+    assert indices.startswith("[0.")
+    assert 0.02 < float(probability) < 0.04

@@ -31,21 +31,6 @@ def answers(diagnosis):
     return [report.format_headline(diagnosis), report.describe_closure(diagnosis), *report.list_answers(diagnosis).values()]
 
 
-@pytest.mark.parametrize("case", ["named", "none", "unknown"])
-def test_the_terminal_begins_with_the_answers_and_has_the_tables(case):
-    diagnosis = CASES[case]()
-    shown = summary(diagnosis)
-    joined = " ".join(shown.split())
-    assert joined.startswith(f"Diagnosis of {diagnosis.recording}: {report.format_headline(diagnosis)}.")
-    assert f"Verdict: {diagnosis.verdict}." in joined
-    assert all(cause.label in shown for cause in diagnosis.causes)
-    assert ("No misfit" in shown) == (case == "none")
-    assert ("of the misfit on held-out data" in shown) == (case == "named")
-    assert ("change in sigma" in shown) == (case == "named")
-    assert "nan" not in shown.lower().split()
-    assert diagnosis.notes[0] in shown
-
-
 @pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("case", ["named", "group", "unknown"])
 def test_page_begins_with_the_answers_in_plain_words(case):

@@ -67,16 +67,6 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     assert not row["met"]
 
 
-def test_maneuvers_are_on_the_flights_days():
-    table = performance.compare_maneuver_dates(154.2)
-    assert len(table) == 7
-    near = table[table["flight"] != ""]
-    assert near["flight_utc"].tolist() == ["1997-12-13", "1998-01-14", "1998-03-21"]
-    assert near["simulated_minus_flight_days"].abs().max() < 0.6
-    published = published_tables.read_maneuver_dates()["forward_after"]
-    assert near["forward_after"].tolist()[:2] == published.tolist()[:2]
-
-
 def test_solved_bias_is_r8_and_targeting_has_rs_sign():
     """R (8) is written for G = I: b' = b + (G − I) ω_raw. With the true G the bias is b in either orientation."""
     for forward, sign in (("+x", -1.0), ("-x", 1.0)):
