@@ -45,11 +45,11 @@ def test_the_table_holds_every_case_in_order_and_counts_warnings(tmp_path, caplo
     np.testing.assert_array_equal(table["gyro"], [generator(1998, i, "gyro_noise").standard_normal() for i in range(60)])
     assert dict(table.dtypes.astype(str)) | {"positive": "bool", "count": "int64"} == dict(table.dtypes.astype(str))
     assert "60 cases, none failed" in outcome.summary()
-    outcome = serial(ODD, OddConfig(cases=3, values=("warn", "number", "warn")), tmp_path)
+    outcome = serial(ODD, OddConfig(cases=3, values=("warn", "number", "warn")), tmp_path / "odd")
     assert outcome.warnings == {"RuntimeWarning: mind the gap": 2}
     assert outcome.failures == {}
     assert caplog.messages == ["RuntimeWarning: mind the gap"]
-    assert manifest(tmp_path)["warnings"] == outcome.warnings
+    assert manifest(tmp_path / "odd")["warnings"] == outcome.warnings
 
 
 @pytest.fixture

@@ -108,6 +108,7 @@ def test_rows_of_another_machine_or_worker_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("studies.montecarlo.engine.describe_provenance", lambda study: elsewhere)
     with pytest.raises(InputError, match=r"computed elsewhere \(numpy: .* → 2.0.0, blas: .* → openblas 0.3.30 Zen\); choose"):
         run(DRAWS, config, tmp_path, backend="serial")
+    monkeypatch.undo()
     monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: other)
     with pytest.raises(InputError, match=r"a worker differs \(.*here.py|.* more\); make them alike, or undo"):
         run(DRAWS, config, tmp_path / "other", backend="serial")
