@@ -141,5 +141,3 @@ def test_tables_that_cannot_be_used_are_one_line():
     ):
         with pytest.raises(InputError, match=message):
             diagnose(replace(recording, sensors=sensors))
-    with pytest.raises(InputError, match="no sensor effect may be named"):
-        diagnose(recording, [])

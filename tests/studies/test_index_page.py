@@ -18,7 +18,6 @@ from tests.pages import checked
 RESULTS = ROOT / "results"
 FOLDERS = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
 MADE = ProvenanceFooter("1", "2026-01-01", "gyrocal reproduce", "0" * 64)
-MOST_WORDS = 12_000
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,6 @@ def test_the_page_shows_tables_figures_claims_and_the_flight_beside_the_simulati
     assert places == sorted(places)
     shown = [f"reproduction-{name}" for name in FIGURE_TITLES] + [f"mission-{name}" for name in MISSION_FIGURE_TITLES]
     assert set(page.figures) == {"residuals", "factors", *shown}
-    assert len(page.words.split()) < MOST_WORDS
     commit = json.loads((FOLDERS["natanson"] / "manifest.json").read_text())["commit"]
     assert commit[:12] in text
     # N Table 2, interval 3, pitch; R Table 2, roll before calibration.

@@ -61,6 +61,8 @@ def test_readings_that_are_held_or_hardly_change_are_seen_and_are_on_no_list():
     assert any("the same as before while the others change" in one.text for one in found.where)
     found = diagnose(read_as(turning(count=1500), np.zeros_like))
     assert (found.p_value < 1e-100, found.verdict) == (True, "unknown")
+    coarse = diagnose(read_as(turning(count=1500), lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2]))
+    assert (coarse.p_value < 1e-100, coarse.verdict) == (True, "group")
 
 
 SAMPLES = 6000

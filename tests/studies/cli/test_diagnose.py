@@ -117,3 +117,14 @@ def test_an_adopted_scenario_closes_the_gap_and_a_changed_recording_is_refused(r
     shown = run_cli("compare", str(made / "rec"), str(tmp_path / "b.toml"))
     assert shown.exit_code == 2
     assert "not what it was" in shown.stderr
+
+
+def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
+    sizes = []
+    for seed in ("1", "2"):
+        out, truth = made / f"again{seed}", made / f"truth{seed}.json"
+        shown = run_cli("simulate", str(made / "a.toml"), str(out), "--seed", seed, "--draw", "--truth", str(truth))
+        assert shown.exit_code == 0, shown.output
+        sizes.append(json.loads(truth.read_text())["effects"][0]["size"])
+    assert sizes[0] != sizes[1]
+    assert sizes == pytest.approx([0.4, 0.4], abs=0.15)

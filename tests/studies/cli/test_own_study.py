@@ -79,10 +79,6 @@ def test_a_script_fails_on_what_it_names_only(mine, run_cli, tmp_path):
         ("x = 1\n", "has no STUDY"),
         ("def\n", "SyntaxError"),
         ("raise SystemExit(3)\n", "line 1: SystemExit: 3"),
-        (
-            MINE.format(name="other", helper="json").replace("scale\n", "loads as scale\n"),
-            "its STUDY is called 'other:STUDY'; call it",
-        ),
     ],
 )
 def test_a_file_that_cannot_be_run_is_one_line(text, message, mine, run_cli):

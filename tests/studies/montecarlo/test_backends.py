@@ -62,7 +62,6 @@ def test_every_backend_gives_the_same_table_bit_for_bit(where, reference, tmp_pa
     outcome = run(DRAWS, config, tmp_path, **where)
     assert outcome.table.read_bytes() == table
     assert outcome.failures == {3: "ValueError: case 3 is bad"}
-    assert outcome.cpu_s > 0
 
 
 @pytest.mark.long

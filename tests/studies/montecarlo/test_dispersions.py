@@ -144,18 +144,22 @@ def test_a_dispersion_moves_what_it_should_and_only_that(short, path):
     assert draw_case_values(moving, 0) != draw_case_values(moving, 1)
 
 
-@pytest.mark.parametrize(
-    ("dispersions", "message"),
-    [
-        ({"gyro.true_H.0.0": NORMAL}, "gyro.true_H.0.0: the scenario has no such value; there is no 'true_H'"),
-        ({"title": NORMAL}, "only a number can be dispersed"),
-        ({"orbit.raan_deg": NORMAL | {"mode": "factor"}}, "a factor leaves its value, 0, as it is"),
-        ({"interval.1.slew.0.start_s": {"kind": "uniform", "low": 1e4, "high": 1e5}}, "after the interval's"),
-    ],
-)
-def test_a_dispersion_that_cannot_act_is_refused(dispersions, message):
-    with pytest.raises(InputError, match=message):
-        config(dispersions)
+def test_dispersions_that_cannot_act_and_matrices_that_correlate_nothing_are_refused():
+    for path, dispersion, message in (
+        ("gyro.true_H.0.0", NORMAL, "gyro.true_H.0.0: the scenario has no such value; there is no 'true_H'"),
+        ("title", NORMAL, "only a number can be dispersed"),
+        ("orbit.raan_deg", NORMAL | {"mode": "factor"}, "a factor leaves its value, 0, as it is"),
+        ("interval.1.slew.0.start_s", {"kind": "uniform", "low": 1e4, "high": 1e5}, "after the interval's"),
+    ):
+        with pytest.raises(InputError, match=message):
+            config({path: dispersion})
+    for matrix, message in (
+        (((1.0, 0.5), (0.4, 1.0)), "symmetric"),
+        (((1.0, 1.5), (1.5, 1.0)), "positive definite"),
+        (((2.0, 0.5), (0.5, 2.0)), "ones on its diagonal"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Correlation(paths=("a", "b"), matrix=matrix)
 
 
 B0, B1, ARW = "gyro.true_bias_deg_s.0", "gyro.true_bias_deg_s.1", "gyro.arw_deg_per_sqrt_s"
@@ -176,19 +180,6 @@ def test_correlated_draws_have_their_covariance_and_leave_the_others(sampler):
     assert abs(np.corrcoef(free[:, [0, 2]].T)[0, 1]) < 0.14
     assert stats.kstest((drawn[:, 2] - drawn[:, 2].mean()) / 2e-3, stats.norm.cdf).pvalue > 1e-3
     assert np.isfinite(stats.norm.ppf(Correlation(**JOINED[0]).correlate(np.array([2.0**-54, 1 - 2.0**-53])))).all()
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        (((1.0, 0.5), (0.4, 1.0)), "symmetric"),
-        (((1.0, 1.5), (1.5, 1.0)), "positive definite"),
-        (((2.0, 0.5), (0.5, 2.0)), "ones on its diagonal"),
-    ],
-)
-def test_what_is_no_correlation_matrix_is_refused(matrix, message):
-    with pytest.raises(ValueError, match=message):
-        Correlation(paths=(B0, B1), matrix=matrix)
 
 
 def test_other_packages_read_the_rows_as_the_docs_say(tmp_path, capsys):

@@ -93,11 +93,3 @@ def test_any_number_of_references():
     table2 = report.tables["residuals"].data
     assert [str(k) for k in table2["interval"].drop_duplicates()] == labels
     assert table2["flight"].isna().all()
-
-
-def test_the_flight_stands_beside_its_own_intervals_only():
-    trmm = scenarios.load("trmm")
-    assert flight.matches_flight(trmm)
-    assert flight.matches_flight(scenarios.override(trmm, {"gyro.arw_deg_per_sqrt_s": 1e-4}))
-    assert not flight.matches_flight(scenarios.override(trmm, {"interval.1.stop_s": 13500.0}))
-    assert not flight.matches_flight(scenarios.load("trmm_series"))

@@ -18,7 +18,7 @@ from studies.report import diagnosis_figures
 from tests.diagnosis_cases import CASES
 from tests.pages import checked
 
-FIGURES = {"named": {"cause-bias_orbital-z"}, "group": {"cause-time_offset"}}
+FIGURES = {"pair": {"cause-bias_orbital-z", "cause-g_matrix_step-z"}, "group": {"cause-time_offset"}}
 
 
 def summary(diagnosis):
@@ -32,7 +32,7 @@ def answers(diagnosis):
 
 
 @pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize("case", ["named", "group", "unknown"])
+@pytest.mark.parametrize("case", ["pair", "group", "unknown"])
 def test_page_begins_with_the_answers_in_plain_words(case):
     diagnosis = CASES[case]()
     text = report.build_diagnosis_page(diagnosis).render_html()

@@ -8,26 +8,12 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from studies.report import checks, console, entry, panels
+from studies.report import checks, entry, panels
 from studies.report.checks import Check, bound_above, bound_below
 from studies.report.tables import Table
-from studies.report.units import format_heading
 from tests.pages import checked
 
 DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "inside": [True, False], "what": ["a|b", "[c]"]})
-
-
-@pytest.mark.parametrize(
-    ("column", "expected"),
-    [
-        ("linear_rate_deg_s", "linear rate (deg/s)"),
-        ("error_G_xx_ppm", "error G_xx (ppm)"),
-        ("bias_deg_s_max", "bias max (deg/s)"),
-        ("steps", "steps"),
-    ],
-)
-def test_headings_have_the_unit_of_the_column(column, expected):
-    assert format_heading(column) == expected
 
 
 def test_a_report_is_written_and_shown_by_names(tmp_path):
@@ -52,16 +38,6 @@ def test_a_report_is_written_and_shown_by_names(tmp_path):
     entry.show(made, Console(file=out, width=120))
     assert out.getvalue().index("Short") < out.getvalue().index("largest error")
     assert made.check("largest error").verdict == "pass"
-
-
-def test_a_line_a_minute_elsewhere(monkeypatch):
-    written, now = io.StringIO(), [0.0]
-    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=False, width=120))
-    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    with console.show_progress("cases", 100) as advance:
-        for now[0] in (30.0, 61.0, 90.0):
-            advance(10)
-    assert written.getvalue().splitlines() == ["cases: 20/100, 0.3/s, 248 s left"]
 
 
 @pytest.mark.parametrize(

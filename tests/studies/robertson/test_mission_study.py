@@ -87,3 +87,10 @@ def test_solved_bias_is_r8_and_targeting_has_rs_sign():
     ).itertuples()
     assert (row.roll_deg, row.pitch_deg, row.yaw_deg) == pytest.approx((-0.1, -0.2, -0.3))
     assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
+
+
+def test_maneuvers_are_on_the_flights_days():
+    table = performance.compare_maneuver_dates(154.2)
+    near = table[table["flight"] != ""]
+    assert (len(table), near["flight_utc"].tolist()) == (7, ["1997-12-13", "1998-01-14", "1998-03-21"])
+    assert near["simulated_minus_flight_days"].abs().max() < 0.6
