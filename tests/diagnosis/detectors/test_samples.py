@@ -132,6 +132,16 @@ def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
 
 
+def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):
+    """A calibration in the sensor that mixes two axes makes them repeat at once, far more often than each by chance."""
+    recording = _recording(plan, truth, 7)
+    step = 1.2 * np.deg2rad(1.5e-4) / np.sqrt(recording.gyro.sample_s)
+    counts = np.round(recording.gyro.rates / step)
+    mixed = counts + 1e-3 * counts[:, [1, 0, 2]] * [1.0, 1.0, 0.0]
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=mixed * step)))
+    assert "repeats" not in {one.kind for one in report.symptoms}
+
+
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
     """It is slow beside the samples and fast beside their means; readout noise under it is still told by the upper spectrum."""
     recording = _recording(plan, truth, 5, "noise_angle_white:y=0.6")

@@ -1,6 +1,5 @@
 """The one template of all pages: names, titles and messages of a file are text in it, never a part of the page."""
 
-import base64
 import hashlib
 import json
 from html import escape
@@ -10,7 +9,6 @@ import pytest
 
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from tests import ROOT
-from tests.pages import checked
 
 SAID = '<script>alert("a & b")</script>'
 PICTURE = b'<svg width="72pt" height="72pt" viewBox="0 0 72 72"><g/></svg>'
@@ -41,12 +39,6 @@ def test_what_is_said_is_text(name):
     page = PAGES[name].render_html()
     assert "<script" not in page
     assert escape(SAID).replace("&quot;", "&#34;") in page.replace("&quot;", "&#34;")
-
-
-def test_a_figure_is_within_the_page():
-    page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).render_html()
-    assert f"data:image/svg+xml;base64,{base64.b64encode(PICTURE).decode()}" in page
-    assert set(checked(page).figures) == {"f"}
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
