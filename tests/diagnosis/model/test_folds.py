@@ -35,6 +35,8 @@ def test_predictions_are_those_of_the_joint_normal_distribution_with_unit_varian
             model.zeta[~out] @ np.linalg.solve(sigma[np.ix_(~out, ~out)], model.zeta[~out]), rel=1e-4
         )
         shown = reverse_whitening(model, W)
+        trained = shown[~out].T @ np.linalg.solve(sigma[np.ix_(~out, ~out)], shown[~out])
+        np.testing.assert_allclose(fold.train_X.T @ fold.train_X, trained, rtol=1e-4)
         left = shown[out] - gain @ shown[~out]
         np.testing.assert_allclose(fold.left_X.T @ fold.left_X, left.T @ np.linalg.solve(C, left), rtol=1e-4)
     # Over recordings of M0, the mean square of all rows held out is one.

@@ -82,6 +82,13 @@ def test_one_more_dispersion_changes_no_other(sampler):
         np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
 
 
+@pytest.mark.parametrize(("mode", "expected"), [("absolute", 3.0), ("offset", 3.5), ("factor", 1.5)])
+def test_modes(mode, expected):
+    uniform = {"kind": "uniform", "low": 3.0, "high": np.nextafter(3.0, 4.0), "mode": mode}
+    study = config({"gyro.sample_s": uniform}, overrides={"gyro.sample_s": 0.5}, scenario=load("trmm"))
+    np.testing.assert_allclose(draw_case_values(study, 0)["gyro.sample_s"], expected, rtol=1e-15)
+
+
 # What each scenario value must move, and nothing else: gyro rates, reference attitudes, their times, what is known a priori.
 MOVES = {
     "gyro.true_G.0.1": (NORMAL, {"rates"}),

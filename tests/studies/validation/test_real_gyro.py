@@ -5,11 +5,10 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_limits
 
-from gyrocal import InputError
-from studies.montecarlo.study import Streams, load_config
+from studies.montecarlo.study import Streams
 from studies.report import entry
 from studies.validation import broad, real_gyro
-from studies.validation.real_gyro import STUDY, RealConfig
+from studies.validation.real_gyro import RealConfig
 from tests.studies.validation.test_broad import SAMPLE_S, trial_frame, write
 
 LATE = 3  # samples
@@ -51,10 +50,3 @@ def test_the_delay_is_identified_and_reported(rows, folder, tmp_path):
     assert "CC-BY-4.0" in text
     assert "Laidig" in text
     assert (tmp_path / "waterfalls.svg").is_file()
-
-
-def test_absent_trials_are_one_line(folder, tmp_path):
-    for changes in ({"folder": str(tmp_path)}, {"folder": str(folder), "trials": ["99_none"]}):
-        with pytest.raises(InputError, match=r"no trial (at all|99_none) in .*docs/validation.md") as fault:
-            load_config(STUDY, None, changes)
-        assert "\n" not in str(fault.value)
