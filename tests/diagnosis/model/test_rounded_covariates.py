@@ -14,7 +14,7 @@ from diagnosis.inference.evidence import PEAK, log_bayes
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
-from diagnosis.model.rounded_covariates import UNKNOWN, _build_precision, estimate_course, find_rounded_covariates
+from diagnosis.model.rounded_covariates import estimate_course, find_rounded_covariates
 from simulator.effects import EFFECTS
 from simulator.effects.common import DEG_H
 from tests.diagnosis.recordings import of_rates, slews_between_references
@@ -42,52 +42,23 @@ def recorded(step, cause, size_deg_h):
     return replace(plain, gyro=replace(plain.gyro, rates=rates), tables={"housekeeping": table})
 
 
-def test_the_precision_is_that_of_an_integrated_wiener_process():
-    """The banded precision is the sum of those of the increments, by their covariance."""
-    d, begins, weights, sigma = np.array([1.0, 0.5, 2.0, 3.0]), np.array([1, 0, 0, 1, 0], bool), np.arange(1.0, 6.0), 0.3
-    band, expected = _build_precision(d, begins, sigma, weights), np.diag(np.repeat(np.arange(1.0, 6.0), 2) * ([1, 0] * 5))
-    for k in range(5):
-        if begins[k]:
-            expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += np.eye(2) * UNKNOWN**-2
-            continue
-        h = d[k - 1]
-        Q = sigma**2 * np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
-        H = np.zeros((2, 10))
-        H[:, 2 * k - 2 : 2 * k], H[:, 2 * k : 2 * k + 2] = -np.array([[1, h], [0, 1]]), np.eye(2)
-        expected += H.T @ np.linalg.inv(Q) @ H
-    for i in range(10):
-        for j in range(i, 10):
-            assert expected[i, j] == pytest.approx(band[3 + i - j, j] if j - i < 4 else 0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("swing", [1.0, 1.5, 3.0])
-def test_the_course_is_nearer_to_the_truth_than_the_rows_are(swing):
+def test_a_coarse_column_is_rounded_and_its_course_nearer_to_the_truth():
     """The mean halves the error of rounding at least, and the courses hold the error that is left."""
     t_s = np.arange(0.0, 5 * PERIOD_S, 10.0)
-    true = 20.3 + swing * np.sin(2 * np.pi * t_s / PERIOD_S + 1.0)
+    true = 20.3 + 1.5 * np.sin(2 * np.pi * t_s / PERIOD_S + 1.0)
     found = estimate_course(t_s, np.round(true), 1.0)
     error = np.interp(t_s, found.t_s, found.mean) - true
     spread = np.interp(t_s, found.t_s, np.sum(found.courses**2, axis=1))
     assert np.std(error) < 0.5 * np.std(np.round(true) - true)
     assert 0.1 < np.mean(error**2) / np.mean(spread) < 2.0
-
-
-def test_rows_with_nearly_the_same_tag_are_used():
-    """Each row is there twice, a microsecond apart."""
-    t_s = np.sort(np.concatenate([np.arange(0.0, 9000.0, 10.0), np.arange(0.0, 9000.0, 10.0) + 1e-6]))
-    true = 20.3 + 2.0 * np.sin(2 * np.pi * t_s / PERIOD_S)
-    found = estimate_course(t_s, np.round(true), 1.0)
-    assert np.std(np.interp(t_s, found.t_s, found.mean) - true) < 0.5 * np.std(np.round(true) - true)
-
-
-def test_a_switch_is_not_smoothed():
-    """A temperature that jumps by several steps within a row keeps its levels up to the jump."""
-    t_s = np.arange(0.0, 9000.0, 10.0)
-    true = 20.0 + 4.0 * (t_s // 900 % 2) + 0.6 * np.sin(t_s / 400)
-    found = estimate_course(t_s, np.round(true), 1.0)
-    before = np.abs(np.interp(t_s, found.t_s, found.mean) - true)
-    assert before.max() < 1.0
-    assert np.std(before) < np.std(np.round(true) - true)
+    # Values without a lattice, on a fine one, and flags of two values are taken as they are.
+    coarse, fine, smooth = (recorded(step, "temperature", 0.0) for step in (1.0, 0.01, 0.0))
+    assert list(find_rounded_covariates(coarse)) == ["gyro_temperature_c"]
+    assert not find_rounded_covariates(fine)
+    assert not find_rounded_covariates(smooth)
+    table = coarse.tables["housekeeping"]
+    flags = replace(coarse, tables={"housekeeping": table.assign(gyro_temperature_c=(table.gyro_temperature_c > 20) * 1.0)})
+    assert not find_rounded_covariates(flags)
 
 
 @pytest.mark.parametrize("correlation", [[3.0, -1.0], [40.0, 9.0]])
@@ -112,17 +83,6 @@ def test_tied_errors_have_the_evidence_of_two_peaks(correlation):
     assert found[0, 0] == pytest.approx(np.log(whole), abs=1e-6)
 
 
-def test_only_coarse_columns_are_rounded():
-    """Values without a lattice, on a fine one, and flags of two values are taken as they are."""
-    coarse, fine, smooth = (recorded(step, "temperature", 0.0) for step in (1.0, 0.01, 0.0))
-    assert list(find_rounded_covariates(coarse)) == ["gyro_temperature_c"]
-    assert not find_rounded_covariates(fine)
-    assert not find_rounded_covariates(smooth)
-    table = coarse.tables["housekeeping"]
-    flags = replace(coarse, tables={"housekeeping": table.assign(gyro_temperature_c=(table.gyro_temperature_c > 20) * 1.0)})
-    assert not find_rounded_covariates(flags)
-
-
 def rank_singles(step, cause, size_deg_h):
     """Labels of the effects that explain a recording alone, the likeliest first, and log evidence of each."""
     model = prepare(recorded(step, cause, size_deg_h)).model
@@ -131,7 +91,7 @@ def rank_singles(step, cause, size_deg_h):
     return {linear.candidate(one.members[0]).label: one for one in found}, linear
 
 
-def test_a_temperature_in_whole_degrees_is_the_cause():
+def test_a_rounded_temperature_is_the_cause_of_its_own_course_alone():
     """The bias follows the temperature before its rounding, at its own size; the rounded column explains less."""
     found, linear = rank_singles(1.0, "temperature", 0.4)
     best = found["bias_temperature:z"]
@@ -143,13 +103,8 @@ def test_a_temperature_in_whole_degrees_is_the_cause():
     assert fitted.sigma < 0.1 * fitted.size
     as_recorded = Search(linear).tables(best.members[0].candidate, None)[0].max()
     assert best.log_evidence > as_recorded + 5
-
-
-def test_a_rounded_temperature_is_no_cause_of_another_sine():
-    """A bias that swings with another period is periodic, whatever the errors of a rounded temperature could be.
-
-    Lines of the slews are nuisance parameters here and take 5 % of χ², so that the periods around the best are needed.
-    """
+    # A bias that swings with another period is periodic, whatever the errors of a rounded temperature could be.
+    # Lines of the slews are nuisance parameters here and take 5 % of χ², so that the periods around the best are needed.
     found, linear = rank_singles(1.0, "sine", 0.5)
     for _ in range(2):
         linear = linear.refine(linear, found["bias_periodic:z"].members[0])
