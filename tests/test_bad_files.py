@@ -46,33 +46,25 @@ COLUMNS = [("gyro", "t_s"), ("gyro", "rate_x_deg_s"), *(("attitude", name) for n
 NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, -1.0, 1e12)
 PLACES = (slice(0, 1), slice(40, 41), slice(-1, None), slice(None))
 KINDS = (
-    *(lambda one: one.astype(str), lambda one: one > 0, lambda one: one.round().astype("int64"), lambda one: [None] * len(one)),
-    *(lambda one: one.astype("float32"), lambda one: pd.to_datetime(one.abs(), unit="s"), lambda one: one.astype("category")),
-    lambda one: [[value] for value in one],
+    *(lambda one: one.astype(str), lambda one: one > 0, lambda one: [None] * len(one), lambda one: [[value] for value in one]),
+    *(lambda one: pd.to_datetime(one.abs(), unit="s"), lambda one: one.astype("category")),
 )
 TABLES = {
     **{f"{count} rows": lambda table, count=count: table.iloc[:count] for count in range(4)},
     "reversed": lambda table: table.iloc[::-1],
     "doubled": lambda table: pd.concat([table, table]),
-    "one twice": lambda table: table.iloc[[*range(5), 4, *range(5, len(table))]],
-    "unix time": lambda table: table.assign(t_s=table["t_s"] + 1.7e9),
     "milliseconds": lambda table: table.assign(t_s=1e3 * table["t_s"]),
     "one column": lambda table: table.assign(**dict.fromkeys(table.columns[1:], table.iloc[:, 1])),
     "no columns": lambda table: table[[]],
-    "numbered": lambda table: table.set_axis(range(table.shape[1]), axis=1),
     "radians": lambda table: table.rename(columns=lambda name: name.replace("_deg", "_rad")),
 }
 CSV = {
     "decimal commas": lambda text: text.replace(".", ","),
-    "semicolons": lambda text: text.replace(",", ";").replace(".", ","),
-    "comment": lambda text: "# made by hand\n" + text,
     "open quote": lambda text: text.replace("\n", '\n"', 5).replace('\n"', "\n", 4),
     "byte order mark": lambda text: "\ufeff" + text,
     "carriage returns": lambda text: text.replace("\n", "\r"),
-    "no header": lambda text: text.partition("\n")[2],
     "empty": lambda text: "",
     "units": lambda text: text.replace("\n", "\ns" + ",deg" * text.partition("\n")[0].count(",") + "\n", 1),
-    "commas at the end": lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
     "a field more": lambda text: text.replace("\n", ",7\n").replace(",7\n", "\n", 1),
     "a long field": lambda text: text.replace("\n", "\n" + "9" * 200_000, 5),
     "escape": lambda text: text.replace("t_s", "\x1b[31mt_s", 1),
@@ -100,7 +92,7 @@ def good(tmp_path_factory):
     numbers = np.column_stack([t_s, rates + 0.05 * noise[0], bodies])
     rows = [",".join(f"{value:.6f}" for value in row) for row in numbers]
     (folder / "a.csv").write_text("\n".join(["t,gx,gy,gz,q1,q2,q3,q4", *rows, ""]))
-    write_other_formats(folder, [row.split(",") for row in rows])
+    write_message(folder, [row.split(",") for row in rows])
     (folder / "mine.toml").write_text(scenario.read_text("trmm"))
     with chdir(folder):
         options = (*COARSE, "--set", "reference.every_s=300.0", "--seed", "1", "--truth", "truth.json")
@@ -109,27 +101,14 @@ def good(tmp_path_factory):
     return folder
 
 
-def write_other_formats(folder, rows):
-    """The same log as a message beside a table, and as a folder of the EuRoC form."""
+def write_message(folder, rows):
+    """The same log as a message beside a table."""
     dates = [f"2020-08-16T12:02:{float(row[0]):09.6f}" for row in rows]
     gyro = [f"{date},{','.join(row[1:4])}" for date, row in zip(dates, rows, strict=True)]
     (folder / "g.csv").write_text("\n".join(["time,gx,gy,gz", *gyro, ""]))
     (folder / "a.aem").write_text(
         AEM.format(rows="\n".join(" ".join([date, *row[4:]]) for date, row in zip(dates, rows, strict=True)))
     )
-    for name, header, columns in (
-        ("imu0", "w_RS_S_x,w_RS_S_y,w_RS_S_z", (1, 2, 3)),
-        ("vicon0", "q_RS_w,q_RS_x,q_RS_y,q_RS_z", (7, 4, 5, 6)),
-    ):
-        path = folder / "V" / "mav0" / name / "data.csv"
-        path.parent.mkdir(parents=True)
-        lines = [
-            ",".join(
-                [row[0].replace(".", "") + "000", *(row[k] if k > 3 else f"{np.deg2rad(float(row[k])):.9f}" for k in columns)]
-            )
-            for row in rows
-        ]
-        path.write_text("\n".join([f"#timestamp,{header}", *lines, ""]))
 
 
 def ends_well(good, arguments, damage=lambda folder: None, said=""):
@@ -217,7 +196,7 @@ FILES_PUT = st.builds(
 )
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(st.one_of(NUMBERS_PUT, KINDS_PUT, TABLES_PUT, CSV_PUT, FILES_PUT, values(HEADER), contents(HEADER)))
 def test_a_bad_recording(good, damage):
     ends_well(good, CALIBRATE, damage)
@@ -236,9 +215,8 @@ CELLS = (*LOST, "a", "1e300", "0", "-1", "1,2", '"', "\x00")
 READERS = {  # the command, and the files of it with their separators
     "csv": (("csv", "a.csv"), {"a.csv": ","}),
     "aem": (("aem", "g.csv", "a.aem"), {"g.csv": ",", "a.aem": " "}),
-    "euroc": (("euroc", "V"), {f"V/mav0/{name}/data.csv": "," for name in ("imu0", "vicon0")}),
 }
-OPTIONS = {"csv": IMPORT, "aem": {"--time": "time:iso", "--gyro": IMPORT["--gyro"]}, "euroc": {}}
+OPTIONS = {"csv": IMPORT, "aem": {"--time": "time:iso", "--gyro": IMPORT["--gyro"]}}
 DAMAGES = st.one_of(
     st.tuples(st.just("cell"), st.sampled_from(CELLS), st.integers(0, 7), st.booleans()),
     st.tuples(st.sampled_from(["cut", "line twice", "lines exchanged"])),
@@ -285,7 +263,9 @@ def answer_clean(good, reader):
     return ends_well(good, list_words(reader))
 
 
-def check_reader(good, reader, file, damage, share):
+@settings(max_examples=20)
+@given(st.sampled_from(list(READERS)), st.integers(0, 1), DAMAGES, SHARES)
+def test_a_bad_import(good, reader, file, damage, share):
     clean, files = list_words(reader), READERS[reader][1]
     file = list(files)[file % len(files)]
     answer = ends_well(good, clean, lambda folder: spoil(folder, file, files[file], damage, share))
@@ -293,40 +273,8 @@ def check_reader(good, reader, file, damage, share):
         assert list_sentences(answer) - list_sentences(answer_clean(good, reader))
 
 
-BAD = (st.integers(0, 1), DAMAGES, SHARES)
-
-
-@settings(max_examples=30)
-@given(st.sampled_from(list(READERS)), *BAD)
-def test_a_bad_import(good, reader, file, damage, share):
-    check_reader(good, reader, file, damage, share)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("reader", READERS)
-@settings(max_examples=200)
-@given(*BAD)
-def test_many_bad_imports(good, reader, file, damage, share):
-    check_reader(good, reader, file, damage, share)
-
-
-REFUSED = {
-    "no gyro sample covers its first reference attitude": edit("gyro", lambda table: table.assign(t_s=table["t_s"] + 1e9)),
-    "no gyro samples between": edit("gyro", lambda table: table.iloc[:1]),
-    "all rates are zero": edit("gyro", lambda table: table * [1, 0, 0, 0]),
-    "row 50: not a finite number": put("gyro", "rate_x_deg_s", 50, np.nan),
-    "sigma in row 50 is not within": put("attitude", "sigma_y_deg", 50, 1e-310),
-    "orbit.period_s": lambda folder: substitute(folder / HEADER, r"(?<=period_s = ).*", "1e300"),
-}
-
-
 def substitute(path, old, new):
     path.write_text(re.sub(old, new, path.read_text()))
-
-
-@pytest.mark.parametrize("text", REFUSED)
-def test_a_diagnosis_refuses_what_it_cannot_use(good, text):
-    assert not ends_well(good, ("diagnose", "REC"), REFUSED[text], text)
 
 
 def test_what_is_good_is_answered_and_a_silent_error_is_seen(good):

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import c_kernel, cases, diagnosis, references
-from benchmarks.measure import GOALS, LEFT_OUT, Candidate, interleave
+from benchmarks import c_kernel, mission_loop, references
+from benchmarks.measure import GOALS, LEFT_OUT
 from benchmarks.streams import disagreement, run_packed
 from gyrocal import Arcs, GyroParameters
 from tests import ROOT
@@ -36,60 +36,12 @@ def test_every_c_variant_agrees_with_the_kernel(arcs, tmp_path):
         assert disagreement(call(), expected) < 1e-12, "a second call starts afresh"
 
 
-@needs_compiler
-def test_loading_the_c_kernel_leaves_the_process_arithmetic_alone(tmp_path):
-    c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path)
-    smallest = np.array([np.finfo(float).smallest_subnormal])
-    assert (smallest / 1 * np.array([1.0]) > 0).all()
-    assert (np.array([np.finfo(float).tiny]) / 4 > 0).all()
-
-
-@needs_compiler
-def test_c_kernel_refuses_steps_beyond_its_series(arcs, tmp_path):
-    library = c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path).popitem()[1]
-    far = GyroParameters(np.eye(3) * 100, np.zeros(3))
-    with pytest.raises(ValueError, match="series"):
-        c_kernel.prepared(library, c_kernel.pack(arcs, 32), far.G, far.bias)
-
-
-def test_without_a_compiler_the_reason_is_told(monkeypatch, tmp_path):
-    monkeypatch.setenv("CC", "no-such-compiler")
-    assert c_kernel.compiler_version() is None
-    with pytest.raises(RuntimeError, match="no C compiler"):
-        c_kernel.build(c_kernel.QUICK_VARIANTS, tmp_path)
-
-
 def test_textbook_loop_and_scipy_agree_with_the_kernel(arcs):
     expected = run_packed(arcs, PARAMETERS)
     R, Theta = references.textbook(arcs, PARAMETERS)
     np.testing.assert_allclose(R, expected.R, rtol=0, atol=1e-12)
     np.testing.assert_allclose(Theta, expected.Theta, rtol=0, atol=1e-12 * np.abs(expected.Theta).max())
     np.testing.assert_allclose(references.scipy_rotation(arcs, PARAMETERS), expected.R, rtol=0, atol=1e-12)
-
-
-def test_candidates_take_turns():
-    turns = []
-    ms = interleave(
-        {name: Candidate(lambda name=name: turns.append(name), rounds) for name, rounds in {"a": 6, "b": 1, "c": 3}.items()}
-    )
-    # Two calls a turn, the first to warm the caches; the one that has a single round is called once.
-    assert "".join(turns) == "aaaaccaaaaccaaaabcc"
-    assert set(ms) == {"a", "b", "c"}
-    assert all(0 <= value < 1e3 for value in ms.values())
-
-
-def test_the_recording_of_a_timed_diagnosis_has_its_step_about_x():
-    made = diagnosis.recording(2000, 40)
-    step = diagnosis.with_step(made).gyro.rates - made.gyro.rates
-    assert (made.gyro.t_s.size, made.attitudes.t_s.size) == (2000, 40)
-    assert 0 < np.count_nonzero(step[:, 0]) < 2000
-    assert not step[:, 1:].any()
-
-
-@pytest.mark.long
-def test_cases_are_measured():
-    cost = cases.run(2)
-    assert min(cost["cpu_ms_per_case_mean"], cost["peak_rss_mb"], cost["largest_sigma"]) > 0
 
 
 @pytest.mark.long
@@ -106,3 +58,9 @@ def test_a_quick_run_writes_every_key(tmp_path):
     assert document["cpu_ms_per_case"] > 0
     assert set(document["goals"]) == set(GOALS)
     assert document["reasons"]["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.compiler() is None
+
+
+def test_compiled_and_plain_fly_the_same():
+    document = mission_loop.run(days=0.01, plain_seconds=30.0, rounds=1)
+    assert document["difference_deg"] < mission_loop.AGREEMENT_DEG
+    assert document["plain_vs_compiled"] > 1.0

@@ -5,6 +5,7 @@ import pytest
 
 from diagnosis.budget import HeldOut
 from diagnosis.explain import explain
+from diagnosis.replication import combine_parts
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
@@ -22,16 +23,13 @@ def orbital():
     return explained(5, "bias_orbital:z=0.6,phase_deg=25")
 
 
-def test_an_effect_is_identified_beside_a_remainder_with_a_size_that_holds(orbital):
+def test_an_effect_beside_a_remainder_has_its_size_and_its_share(orbital):
     assert [one.effect for one in orbital.fitted] == ["bias_orbital"]
     assert abs(orbital.fitted[0].size - 0.6) < 3 * orbital.fitted[0].sigma
     assert orbital.attribution.slots[0].group_probability >= DEFAULT.named
     assert orbital.attribution.verdict == "partial"
     assert orbital.remainder.noise_factor == pytest.approx(1.0, abs=0.15)
     assert orbital.remainder.gyro_deg_h[1] == pytest.approx(0.4, rel=0.5)
-
-
-def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
     names = [step.step for step in orbital.budget]
     assert names == ["baseline", "bias_orbital:z", "remainder", "floor"]
     misfit = [step.misfit for step in orbital.budget]
@@ -40,13 +38,6 @@ def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
     assert closed + left == pytest.approx(1.0, abs=1e-9)
     assert orbital.budget[1].interval_90[0] <= closed <= orbital.budget[1].interval_90[1]
     assert closed == pytest.approx((misfit[0] - misfit[1]) / (misfit[0] - 1.0))
-
-
-def test_a_remainder_alone_names_nothing():
-    found = explained(6)
-    assert found.attribution.slots == ()
-    assert found.closed is None
-    assert found.remainder.share == pytest.approx(1.0)
 
 
 def test_the_share_closed_is_that_of_the_sums_over_all_parts():
@@ -68,3 +59,35 @@ def test_the_interval_of_a_share_holds_it_as_often_as_it_says(shared):
         low, high = HeldOut(squares, squares, np.full(64, 10.0), names).closed(0, 1)[1]
         hits += low <= 0.8 <= high
     assert abs(hits / draws - 0.9) < 3 * np.sqrt(0.9 * 0.1 / draws)
+
+
+NAMES = [f"part {k}" for k in range(8)]
+
+
+def combined(sizes, sigmas):
+    t_s = 10.0 * np.arange(len(sizes))
+    return combine_parts(NAMES[: len(sizes)], np.array(sizes, dtype=float), np.diag(np.square(sigmas)), t_s)
+
+
+def test_parts_that_show_nothing_are_left_out_and_growing_sizes_have_a_ramp():
+    found = combined([1.0, 1.1, 50.0], [0.1, 0.1, 100.0])
+    assert [one.part for one in found.parts] == NAMES[:2]
+    # By hand: they lie on a line from 7 to 12, of which their variance is 3.5 beside what their sigmas make.
+    found = combined([7.0, 8.0, 9.0, 10.0, 11.0, 12.0], [0.2] * 6)
+    assert found.heterogeneity_p < 1e-10
+    assert found.mean == pytest.approx(9.5)
+    assert found.spread == pytest.approx(np.std(np.arange(6), ddof=1), rel=0.02)
+    assert found.ramp == pytest.approx((7.0, 12.0))
+
+
+def test_p_values_are_as_rare_as_they_say_and_the_sigma_holds():
+    rng = np.random.default_rng(1)
+    sigmas = np.array([0.5, 1.0, 1.0, 2.0, 1.5, 0.7])
+    found = [combined(2.0 + sigmas * rng.standard_normal(6), sigmas) for _ in range(600)]
+    p = np.array([one.heterogeneity_p for one in found])
+    assert abs((p < 0.1).mean() - 0.1) < 3 * np.sqrt(0.1 * 0.9 / 600)
+    errors = np.array([(one.mean - 2.0) / one.sigma for one in found])
+    assert 0.85 < errors.std() < 1.1  # the scatter that is estimated cannot be negative, so that the sigma is rather wide
+    rng = np.random.default_rng(2)
+    found = [combined(2.0 + rng.standard_normal(6), [1.0] * 6).ramp for _ in range(2000)]
+    assert sum(one is not None for one in found) < 2000 * 0.01 + 3 * np.sqrt(2000 * 0.01)

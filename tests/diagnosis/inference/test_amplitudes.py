@@ -7,10 +7,9 @@ import pytest
 import scipy.stats
 from scipy.special import logsumexp
 
-from diagnosis.inference.amplitudes import estimate_amplitudes, fit
+from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import SelectedCandidate
-from simulator.effects.common import convert_phase_amplitudes
 from tests.diagnosis.linear_models import linear_model
 
 
@@ -44,17 +43,6 @@ def test_mean_and_sigma_are_those_of_the_whole_posterior(positive, true):
     assert one.sigmas[0] == pytest.approx(sigma, rel=1e-6)
 
 
-def test_the_prior_keeps_what_cannot_be_seen_near_zero():
-    """A column that the data hardly see: the amplitude has the prior's width, not that of least squares."""
-    x = np.full((6, 1), 1e-3)
-    y = np.random.default_rng(2).standard_normal(6)
-    model = linear_model([x], y, changes={0: {"scales": np.array([2.0])}})
-    (one,) = fit(model, [SelectedCandidate(0, 0, 0)])
-    assert abs(one.size) < 0.05
-    assert one.sigma == pytest.approx(2.0, rel=1e-3)
-    assert one.prior_sigma == 2.0
-
-
 def test_strong_effects_have_the_amplitudes_of_least_squares():
     rng = np.random.default_rng(3)
     columns = [rng.standard_normal((60, 2)), rng.standard_normal((60, 1))]
@@ -76,19 +64,6 @@ def test_strong_effects_have_the_amplitudes_of_least_squares():
     along = expected[:2] / np.hypot(*expected[:2])
     assert first.sigma == pytest.approx(np.sqrt(along @ covariance[:2, :2] @ along), rel=0.1)
     np.testing.assert_allclose(first.contribution, columns[0] @ first.amplitudes)
-
-
-def test_the_sigma_is_that_of_the_size_that_is_read():
-    """Of a mean of two amplitudes it is less than theirs, and of what no amplitude says it is what reading it adds."""
-    rng = np.random.default_rng(5)
-    columns, y = rng.standard_normal((60, 2)), rng.standard_normal(60) * 3
-    found = {}
-    for name, read in (("mean", lambda a: (0.5 * a.sum(), {})), ("edge", lambda a: (7.0, {}))):
-        changes = {0: {"scales": np.array([1e4]), "read": read, "size_sigma": lambda size: 0.3 * size if size == 7.0 else 0.0}}
-        (found[name],) = fit(linear_model([columns], y, changes=changes), [SelectedCandidate(0, 0, 0)])
-    covariance = np.linalg.inv(columns.T @ columns)
-    assert found["mean"].sigma == pytest.approx(0.5 * np.sqrt(covariance.sum()), rel=1e-5)
-    assert found["edge"].sigma == pytest.approx(2.1, rel=1e-9)
 
 
 def test_a_time_that_is_not_known_widens_size_and_time():
@@ -117,9 +92,6 @@ def test_a_time_that_is_not_known_widens_size_and_time():
     expected = share @ times
     assert one.parameters["time_s"] == pytest.approx(expected, rel=1e-6)
     assert one.parameters["time_sigma_s"] == pytest.approx(np.sqrt(share @ (times - expected) ** 2 + 9.0), rel=1e-6)
-    # With the time given, the size is more certain.
-    alone = linear_model([steps[13][:, None]], y, changes={0: {"scales": scales}})
-    assert fit(alone, [SelectedCandidate(0, 0, 0)])[0].sigma < one.sigma
 
 
 def test_size_of_a_random_process_is_the_mean_of_its_scale():
@@ -140,18 +112,6 @@ def test_size_of_a_random_process_is_the_mean_of_its_scale():
     assert one.sigma == pytest.approx(np.sqrt(weight @ (sizes - mean) ** 2), rel=1e-2)
 
 
-def test_options_of_another_meaning_do_not_enter_the_amplitudes():
-    """A richer form of an effect has other amplitudes; those of the option that is held are told."""
-    rng = np.random.default_rng(7)
-    x, more = rng.standard_normal((30, 1)), rng.standard_normal((30, 3))
-    y = 4 * x[:, 0] + rng.standard_normal(30)
-    both = linear_model([[x, np.hstack([x, more])]], y)
-    alone = linear_model([x], y)
-    assert fit(both, [SelectedCandidate(0, 0, 4)])[0].size == pytest.approx(
-        fit(alone, [SelectedCandidate(0, 0, 4)])[0].size, rel=1e-9
-    )
-
-
 def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
     """Rates about two axes go together, one a third of the other: three times the size of its element explains the same."""
     rng = np.random.default_rng(9)
@@ -169,48 +129,3 @@ def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
     other = fit(linear_model([x / 3], y), [SelectedCandidate(0, 0, 4)])[0]
     square = share * alone.sigma**2 + (1 - share) * ((other.size - alone.size) ** 2 + other.sigma**2)
     assert found.sigma == pytest.approx(np.sqrt(square), rel=1e-6)
-    assert not any(name.endswith("_probability") for name in alone.parameters)
-
-
-def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
-    """Sines of neighbouring periods, far from the epoch: their phases there differ by turns, their sizes hardly at all."""
-    rng = np.random.default_rng(31)
-    t = 40_000 + np.arange(600.0)
-    periods = 60 * (1 + 1e-3 * np.arange(-6, 7))
-    parts = [np.column_stack([np.sin(2 * np.pi * t / P), np.cos(2 * np.pi * t / P)]) for P in periods]
-    y = parts[6] @ [0.8, -0.6] + rng.standard_normal(600)
-    model = linear_model([parts], y)
-    entry = model.candidates[0]
-    options = tuple(
-        replace(one, parameters={"period_s": float(P), "period_sigma_s": 0.01})
-        for one, P in zip(entry.options, periods, strict=True)
-    )
-    entry = replace(entry, options=options, scanned=True, read=convert_phase_amplitudes)
-    model = replace(model, candidates=(entry,))
-    members = Search(model).optimise_members((SelectedCandidate(0, 0, 0),)).members
-    (one,) = estimate_amplitudes(model, members)
-    X = parts[members[0].option]
-    alone = np.linalg.lstsq(X, y, rcond=None)[0]
-    assert one.size == pytest.approx(float(np.hypot(*alone)), rel=0.05)
-    assert np.rad2deg(np.arctan2(*alone[::-1])) == pytest.approx(one.parameters["phase_deg"], abs=5)
-    assert abs(one.size - 1.0) < 3 * one.sigma
-    table = Search(model).tables(0, None)
-    share = np.exp(table).sum(axis=1) / np.exp(table).sum()
-    best = periods[members[0].option]
-    assert one.parameters["period_s"] == best
-    assert one.parameters["period_sigma_s"] == pytest.approx(np.sqrt(share @ (periods - best) ** 2 + 0.01**2), rel=1e-6)
-
-
-def test_sines_of_each_interval_have_phases_of_their_own():
-    """Each pair of amplitudes is turned by itself: they are those of least squares at the best period."""
-    rng, t = np.random.default_rng(7), 40_000 + np.arange(600.0)
-    periods = 60 * (1 + 1e-3 * np.arange(-6, 7))
-    halves = np.repeat(np.eye(2), 300, axis=0)
-    waves = [np.column_stack([np.sin(2 * np.pi * t / P), np.cos(2 * np.pi * t / P)]) for P in periods]
-    parts = [(halves[:, :, None] * wave[:, None]).reshape(len(t), 4) for wave in waves]
-    model = linear_model([parts], parts[6] @ [0.8, -0.6, 0.3, 0.9] + 0.3 * rng.standard_normal(t.size))
-    model = replace(model, candidates=(replace(model.candidates[0], scanned=True),))
-    members = Search(model).optimise_members((SelectedCandidate(0, 0, 0),)).members
-    (one,) = estimate_amplitudes(model, members)
-    alone = np.linalg.lstsq(parts[members[0].option], model.y, rcond=None)[0]
-    assert one.amplitudes == pytest.approx(alone, abs=0.1)

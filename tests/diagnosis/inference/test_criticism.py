@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference import criticism
-from diagnosis.inference.criticism import Check, Innovations, Layout, check_innovations, combine_checks
+from diagnosis.inference.criticism import Innovations, Layout, check_innovations, combine_checks
 from diagnosis.model.linear import SelectedCandidate
 from tests.diagnosis.linear_models import linear_model
 
@@ -83,20 +83,6 @@ def test_data_of_the_named_model_are_rejected_at_the_stated_rate(p_values):
         assert 0.4 * level - error < together < level + error
 
 
-def test_what_nuisance_parameters_take_is_no_correlation(layout):
-    """The products of white noise less a cubic have a negative mean; the 48 directions make the test reject 8 % at 5 %."""
-    powers = np.linalg.qr(np.vander(np.linspace(-1, 1, EACH), 4))[0]
-    basis = np.linalg.qr(np.kron(np.kron(np.eye(INTERVALS), powers), np.eye(3)))[0]
-    white, draws = np.random.default_rng(5), 100
-    checked = []
-    for _ in range(draws):
-        e = white.standard_normal(3 * ROWS)
-        found = Innovations((e - basis @ (basis.T @ e)).reshape(ROWS, 3), basis.reshape(ROWS, 3, -1))
-        checked += [one.p_value for one in check_innovations(found, layout) if one.name == "correlation in time"]
-    assert len(checked) == draws
-    assert np.mean(np.array(checked) < 0.05) < 0.08 + 3 * np.sqrt(0.08 * 0.92 / draws)
-
-
 def beside(layout, kind):
     """Something of two sigma or so beside the named effects, (3 r,)."""
     values = np.zeros((ROWS, 3))
@@ -123,39 +109,12 @@ def test_what_is_beside_the_named_effects_is_seen_for_what_it_is(model, layout, 
     assert found[name].value > found[name].expected
 
 
-@pytest.mark.parametrize(
-    ("scatter", "name"),
-    [
-        (lambda layout: np.full(ROWS, 1.4), "size"),
-        (lambda layout: np.full(ROWS, 0.7), "size"),
-        (lambda layout: np.where(layout.interval == 2, 1.8, 1.0), "scatter over intervals and rates"),
-        (lambda layout: np.where(layout.speed > np.quantile(layout.speed, 0.8), 2.2, 1.0), "scatter over intervals and rates"),
-    ],
-)
-def test_noise_other_than_stated_is_seen(model, layout, scatter, name):
-    """More or less of it everywhere, in one interval, or at fast rates."""
-    rng = np.random.default_rng(7)
-    y = drawn(model, rng, 1)[:, 0]
-    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
-    L = np.linalg.cholesky(np.eye(y.size) + C @ C.T)
-    innovations = np.linalg.solve(L, y) * np.repeat(scatter(layout), 3)
-    found = checked(model, layout, model.projected(L @ innovations))
-    assert found[name].p_value < 1e-4
-
-
 def test_single_large_residuals_are_seen_by_the_shape(model, layout):
     y = drawn(model, np.random.default_rng(8), 1)[:, 0]
     odd = np.zeros(3 * ROWS)
     odd[[40, 200]] = 9.0
     found = checked(model, layout, y + model.projected(odd))
     assert found["shape"].p_value < 1e-6
-
-
-def test_the_number_of_checks_is_allowed_for():
-    assert combine_checks(()) == 1.0
-    made = [Check(str(number), 0.0, 0.0, 0.5) for number in range(8)]
-    assert combine_checks([*made, Check("odd", 0.0, 0.0, 1e-5)]) == pytest.approx(9e-5)
-    assert combine_checks(made) == 1.0
 
 
 @pytest.mark.parametrize("draw", ["standard_normal", "uniform", "laplace"])

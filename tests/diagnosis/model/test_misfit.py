@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
+from diagnosis.model.layout import tabulate_references
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations
+from diagnosis.model.misfit import check_baseline, compute_innovations
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
-from simulator.effects import EFFECTS
 from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.recordings import of_rates, prepared, recorded, slews_between_references
 
@@ -44,52 +43,17 @@ def with_errors(recording, error):
     return replace(recording, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, error)))
 
 
-def test_the_sum_of_squares_is_that_of_the_dense_model(model):
+def test_innovations_have_the_sum_of_squares_of_the_dense_model_and_uniform_p_values(model, drawn):
     e, later, taken = compute_innovations(model)
     assert np.sum(e**2) == pytest.approx(model.y @ model.y, rel=1e-9)
     assert e.size - taken.shape[1] == model.degrees_of_freedom
     assert later.sum() == len(model.residuals) - len(model.blocks)
-
-
-def test_p_values_are_uniform_under_m0(model, drawn):
-    """Kolmogorov and Smirnov for each statistic; that of all together has the rate it states."""
+    # Kolmogorov and Smirnov for each statistic; that of all together has the rate it states.
     found = [check_baseline(replace(model, residuals=one)) for one in drawn]
     for k, check in enumerate(found[0]):
         p = np.array([checks[k].p_value for checks in found])
         assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3, check.name
     assert np.mean([combine_checks(checks) < 0.05 for checks in found]) < 0.05 + 3 * np.sqrt(0.0475 / DRAWS)
-
-
-def test_noise_of_the_readings_is_no_dependence_on_the_motion():
-    """Of a sway below the noise of a reading at thousands of references, where what the rates hold of the noise adds up."""
-    rates = slews_between_references(2_500, 14, 0.4, 5e-6)
-    found = check_baseline(prepare(of_rates(rates, 14, 0.4, 3e-5, 5e-5, 2)).model)
-    assert next(one for one in found if one.name == "dependence on what is known").p_value > 1e-3
-
-
-def test_columns_that_are_estimated_are_projected_out(model):
-    effect = EFFECTS["bias_drift"]
-    column = compute_attitude_errors(model, effect, "y", {})
-    high = 2e-2 * column[:, :, 0] / np.abs(column).max()
-    plain = {one.name: one.value for one in check_baseline(model)}
-    beside = {one.name: one.value for one in check_baseline(replace(model, residuals=model.residuals + high), [column])}
-    hidden = {one.name: one.value for one in check_baseline(replace(model, residuals=model.residuals + high))}
-    assert 0 <= plain["size"] - beside["size"] < scipy.stats.chi2(1).isf(1e-3)  # what the column takes of the noise
-    assert hidden["size"] > 10 * plain["size"]
-
-
-def test_errors_of_an_effect_are_its_columns(model):
-    """Without averaging the observations are the references."""
-    for name, axis in (("bias_step", "x"), ("reference_orbital", "z")):
-        effect = EFFECTS[name]
-        trial = effect.trials(model.surroundings)[0]
-        parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
-        made = compute_attitude_errors(model, effect, axis, parameters)
-        if effect.on_references:
-            expected = model.observe_reference_error(effect.reference_columns(model.references, axis, parameters))
-        else:
-            expected = model.reading(effect.columns(model.stream, axis, parameters))
-        np.testing.assert_allclose(made.reshape(model.size, -1), expected, rtol=1e-12, atol=1e-18)
 
 
 def test_what_averaging_hides_is_seen(monkeypatch):
@@ -107,24 +71,24 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     assert combine_checks(check_baseline(clean)) > 1e-2
 
 
-def test_a_misfit_without_a_cause_is_unknown():
-    """Noise of one interval's references: no candidate's, and no white noise of all of them."""
-    recording = recorded(5, every_s=240.0)
-    rng = np.random.default_rng(7)
-    part = recording.intervals[2]
-    inside = (recording.attitudes.t_s >= part.start_s) & (recording.attitudes.t_s <= part.stop_s)
-    more = rng.standard_normal(recording.attitudes.sigma.shape) * recording.attitudes.sigma * 2.0 * inside[:, None]
-    answer = diagnose(with_errors(recording, more), library=["reference_noise_excess", "reference_correlated", "bias_step"])
-    assert answer.verdict == "unknown"
-    assert not answer.causes
-    assert answer.p_value < answer.false_alarm_rate
-    assert any(one.statistic in ("size", "scatter over intervals and rates") for one in answer.where)
+@pytest.fixture(scope="module")
+def rested():
+    """Slews between references, and a sway at them that is as large as the gyro's noise."""
+    return prepare(of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, 0)).model
 
 
-def test_nothing_is_said_of_few_references():
-    """Two references an interval leave six degrees of freedom beside the twelve parameters."""
-    recording = recorded(3, every_s=1e5)
-    result = calibrate(recording)
-    found = linearise_recording(recording, result.G, result.bias)
-    assert found.degrees_of_freedom == 6
-    assert check_baseline(found) == ()
+def tabulate(model):
+    """What all references may follow, (m, q)."""
+    return tabulate_references(model, np.ones(model.reference_rows.size, dtype=bool)).regressors
+
+
+def test_the_rate_at_a_reference_holds_no_noise_from_before_it(rested):
+    model = rested
+    gyro, at = model.recording.gyro, model.references.t_s.size // 2
+    early = gyro.t_s < model.references.t_s[at]
+    noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
+    changed = replace(model, recording=replace(model.recording, gyro=replace(gyro, rates=noisy)))
+    change = tabulate(changed) - tabulate(model)
+    np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
+    found = {one.name: one for one in check_baseline(rested)}
+    assert found["dependence on what is known"].p_value > 1e-3

@@ -1,17 +1,16 @@
 """The motion by gyro and references: its columns hold no noise of the residuals, so that a clean gyro shows no effect."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.signal
 import scipy.stats
+from scipy.spatial.transform import Rotation
 
-from diagnosis.diagnose import diagnose
 from diagnosis.model.bins import build_bins, normalise_columns, observe_rate_errors
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.motion import estimate_gyro_noise
 from diagnosis.model.prepare import prepare
+from diagnosis.model.relinearised_path import find_relinearised_path
 from tests.diagnosis.recordings import of_rates
 
 SEEDS = range(4)
@@ -43,15 +42,12 @@ def cube_score(model):
     return float((column @ model.y) ** 2 / (column @ column))
 
 
-def test_a_clean_gyro_does_not_follow_the_cube_of_its_rate(clean):
+def test_columns_hold_no_noise_of_a_clean_gyro(clean):
     """The scores are χ² with one degree of freedom each; with columns of the readings themselves they are not."""
     assert scipy.stats.chi2.sf(sum(cube_score(model) for _, model in clean), len(clean)) > 1e-3
     noisy = [linearise_recording(model.recording, model.G, model.bias) for _, model in clean]
     assert scipy.stats.chi2.sf(sum(map(cube_score, noisy)), len(noisy)) < 1e-12
-
-
-def test_expected_noise_is_that_of_the_gyro(clean):
-    """Without it the attitude wanders much less, beside what a bias makes."""
+    # Without it the attitude wanders much less, beside what a bias makes.
     for rates, model in clean:
         noise, turned = estimate_gyro_noise(model, None)
         read = model.recording.gyro.rates - rates
@@ -63,23 +59,38 @@ def test_expected_noise_is_that_of_the_gyro(clean):
         np.testing.assert_allclose(turned, -total, atol=0.02 * np.abs(total).max())
 
 
-def test_an_error_of_many_sigmas_is_not_taken_for_noise_of_them():
-    """Of an error beyond the noise, three times as large leaves the same noise; of one within it, a third has a third."""
-    recording = swaying(SEEDS[0])[1]
-    rates = recording.gyro.rates + np.where(np.arange(3000) < 1700, 0.0, np.deg2rad(0.05))[:, None] * [0, 1, 0]
-    model = prepare(replace(recording, gyro=replace(recording.gyro, rates=rates))).model
-    noise, turned = estimate_gyro_noise(model, None)
-    larger = estimate_gyro_noise(replace(model, zeta=3 * model.zeta), None)
-    np.testing.assert_allclose(larger[0], noise, atol=1e-9 * np.abs(noise).max())
-    np.testing.assert_allclose(larger[1], turned, atol=1e-9 * np.abs(turned).max())
-    within = replace(model, zeta=model.zeta * 0.5 * np.sqrt(model.degrees_of_freedom / (model.y @ model.y)))
-    smaller = estimate_gyro_noise(replace(within, zeta=within.zeta / 3), None)[0]
-    np.testing.assert_allclose(3 * smaller, estimate_gyro_noise(within, None)[0], atol=1e-9 * np.abs(smaller).max())
+STEP_S, COUNT, SPACING = 0.05, 6000, 60
 
 
-def test_a_clean_gyro_of_a_swaying_body_has_no_gap():
-    """Of a noisy one at 50 Hz, 180 s long, with a reference each second."""
-    t_s = SAMPLE_S * np.arange(9000)
-    rates = np.deg2rad([0.17, 2.0, 1.0]) * np.sin(2 * np.pi * np.array([1.77, 0.31, 1.87]) * t_s[:, None])
-    found = diagnose(of_rates(rates, 50, SAMPLE_S, np.deg2rad(4e-3), np.deg2rad(0.02), seed=3))
-    assert found.verdict == "none"
+@pytest.fixture(scope="module")
+def flown():
+    """Aᵀ along the true and the propagated path, both at every step, and the error of the rates."""
+    t = (np.arange(COUNT) + 0.5) * STEP_S
+    true = np.column_stack([0.02 * np.sin(0.01 * t), 0.03 * np.cos(0.013 * t), 0.01 + 0 * t])
+    error = np.column_stack([2e-3 * np.sin(0.02 * t) + 5e-4, 1.5e-3 * (t > 100), -1e-3 * np.cos(0.005 * t)])
+
+    def path(rates):
+        turns = [Rotation.identity()]
+        for rate in rates:
+            turns.append(turns[-1] * Rotation.from_rotvec(rate * STEP_S))
+        return Rotation.concatenate(turns)
+
+    return path(true), path(true - error), true, error
+
+
+def test_path_gives_the_integral_where_the_first_order_does_not(flown):
+    true, propagated, rates, error = flown
+    ends = np.arange(0, COUNT + 1, SPACING)
+    zeta = (true[ends] * propagated[ends].inv()).as_rotvec()
+    middle = (true[:-1] * Rotation.from_rotvec(0.5 * rates * STEP_S)).as_matrix()
+    integral = np.cumsum(np.einsum("nij,nj->ni", middle, error) * STEP_S, axis=0)
+    exact = np.vstack([np.zeros(3), integral])[ends]
+    path = find_relinearised_path(zeta, np.full(zeta.shape, 1e-4))
+    assert np.rad2deg(np.abs(zeta).max()) > 10
+    assert np.abs(zeta - exact).max() > 100 * np.abs(path.errors - exact).max()
+    assert np.abs(path.errors - exact).max() < 2e-4
+    begun = (propagated[:-1] * Rotation.from_rotvec(0.5 * (rates - error) * STEP_S)).as_matrix()
+    assert np.abs(path.interpolate_turns(ends) @ begun - middle).max() < 2e-3
+    assert path.turn_attitudes(propagated[ends].as_matrix()) == pytest.approx(true[ends].as_matrix(), abs=1e-12)
+    small = np.random.default_rng(1).normal(0, 1e-4, (50, 3))
+    assert find_relinearised_path(small, np.full((50, 3), 1e-4)) is None

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference.evidence import log_bayes
 from diagnosis.model import linearise, process_projection, processes
 from diagnosis.model.groups import list_process_places
-from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, build_unit_errors, select_nodes, split_cells
-from diagnosis.model.processes import build_all_columns, build_usual_columns, markov, match_labels
+from diagnosis.model.process_projection import ProcessProjection, split_cells
+from diagnosis.model.processes import build_all_columns, build_usual_columns, markov
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
 
@@ -18,16 +17,6 @@ from tests.diagnosis.recordings import of_rates, prepared, recorded
 @pytest.fixture(scope="module")
 def model():
     return prepared(3).model
-
-
-def test_kernels_by_their_definitions(model):
-    t = np.linspace(0, 5000, 60)
-    assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
-    np.testing.assert_array_equal(match_labels(np.array([0, 1, 1])), [[1, 0, 0], [0, 1, 1], [0, 1, 1]])
-    at = processes.compute_part_times(model)
-    K = EFFECTS["bias_random_walk"].covariance(at, {"gaps": "hold"})
-    hours = (at.run_s - at.run_s.min()) / 3600
-    assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
 
 
 def test_flicker_has_a_flat_allan_variance_at_its_floor():
@@ -40,58 +29,6 @@ def test_flicker_has_a_flat_allan_variance_at_its_floor():
         weight = np.zeros(800)
         weight[:clusters], weight[clusters : 2 * clusters] = -1 / clusters, 1 / clusters
         assert 0.5 * weight @ K @ weight == pytest.approx(2 * np.log(2) / np.pi, rel=0.15)
-
-
-def strongest(U, K):
-    """Covariance U K Uᵀ of the observations by its strongest directions, which have nearly all information; and all of it."""
-    whole = U @ K @ U.T
-    values, vectors = np.linalg.eigh(whole)
-    order = np.argsort(-values)
-    share = np.cumsum(values[order] ** 2) / np.sum(values**2)
-    kept = order[: max(int(np.searchsorted(share, processes.INFORMATION)) + 1, processes.USUAL_COLUMNS)]
-    return (vectors[:, kept] * values[kept]) @ vectors[:, kept].T, whole
-
-
-def errors_in_parts(model, axis, at_once=100):
-    """(N, q) whitened observations of a unit rate error in each part of the cells."""
-    first, _ = split_cells(model)
-    edges = np.append(first, model.t_s.size)
-    found = []
-    for low in range(0, first.size, at_once):
-        error = np.zeros((model.t_s.size, 3, min(at_once, first.size - low)))
-        for k in range(error.shape[2]):
-            error[edges[low + k] : edges[low + k + 1], axis, k] = 1.0
-        found.append(model.whiten(model.observe_rate_error(error)))
-    return np.hstack(found)
-
-
-@pytest.mark.parametrize(("tau", "least"), [(800.0, 0.8), (6000.0, 0.95)])
-def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance(model, tau, least):
-    """C Cᵀ of the projected columns against that of rate errors in the parts of the cells, and their covariance."""
-    at = processes.compute_part_times(model)
-    K = markov(at.t_s, tau) * match_labels(at.interval) * np.deg2rad(1e-4) ** 2
-    for axis in range(3):
-        every = model.project_out_nuisance(build_usual_columns(model.cell_places[axis], K, 0.0))
-        gram = every.T @ every
-        assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-6 * gram.max()
-        assert (np.diff(np.diag(gram)) <= 1e-9 * gram.max()).all()
-        C = model.project_out_nuisance(build_usual_columns(model.cell_places[axis], K))
-        gram = C.T @ C
-        # Directions that are left out have less than this share of the power, and turn the others by less.
-        assert np.abs(gram - np.diag(np.diag(gram))).max() < DECOMPOSITION.share * gram.max()
-        expected, whole = strongest(model.project_out_nuisance(errors_in_parts(model, axis)), K)
-        assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
-        assert np.trace(gram) > least * np.trace(whole)
-
-
-def test_a_process_of_references_is_the_same_of_their_errors(model):
-    at = processes.compute_node_times(model)
-    assert at.t_s.size == len(model.observation_t_s)  # a reference each
-    assert (np.diff(at.run_s) >= 0).all()
-    K = markov(at.t_s, 1500.0) * np.deg2rad(0.01) ** 2
-    C = model.project_out_nuisance(build_usual_columns(model.reference_places[1], K))
-    expected, whole = strongest(model.project_out_nuisance(model.reference_columns[1]), K)
-    assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
 
 
 def test_all_columns_of_a_process_are_its_covariance():
@@ -116,7 +53,7 @@ def test_all_columns_of_a_process_are_its_covariance():
 @pytest.mark.parametrize(
     ("name", "size", "trial", "share"),
     # Flicker noise goes on below the length of a cell, where the covariance takes it for constant: a tenth of its power.
-    [("bias_random_walk", 0.5, 0, 0.0), ("noise_flicker", 0.3, 0, 0.15), ("reference_correlated", 0.01, 2, 0.0)],
+    [("noise_flicker", 0.3, 0, 0.15), ("reference_correlated", 0.01, 2, 0.0)],
 )
 def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, share):
     """Whole simulations with the process on one axis: along its columns the variance is one plus theirs."""
@@ -134,26 +71,6 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
         dof += d.size
     assert scipy.stats.chi2.sf(total / (1 + share), dof) > 1e-3
     assert scipy.stats.chi2.cdf(total, dof) > 1e-3
-
-
-def test_a_wander_of_the_tags_is_an_error_of_the_references_along_the_rate(model):
-    """An attitude that is tagged late by δt is that of δt before: A(t − δt) = (I + [ω×] δt) A(t), so that its error is ω δt."""
-    late = 0.02 * np.sin(model.references.t_s / 700.0)
-    error = model.reference_rates * late[:, None]
-    expected = model.whiten(model.observe_reference_error(error[:, :, None])[:, 0])
-    rows, _ = select_nodes(model)
-    place = model.tag_place
-    np.testing.assert_allclose(place.columns @ (place.mean @ late[rows]), expected, atol=0.03 * np.abs(expected).max())
-    *_, tags = processes.list_process_alternatives(model)
-    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
-    assert (tags.name, tags.axis, tags.time_constants_s[-1]) == (processes.TAGS_WANDER, None, longest / 6)
-
-
-def test_cells_of_a_coarse_recording_stay_few():
-    """Cells cost the cube of their number: references every 10 s make no more than those every two minutes."""
-    few, many = prepared(3).model, prepared(3, every_s=10.0).model
-    assert recorded(3, every_s=10.0).attitudes.t_s.size > 10 * recorded(3).attitudes.t_s.size
-    assert many.cells.first.size < 3 * few.cells.first.size
 
 
 def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch):
@@ -174,55 +91,6 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
             assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
             size[tau] = np.mean(np.diag(place.covariance(markov(nodes_s, tau))))
         assert size[100.0] < 0.7 * size[1e5]
-
-
-def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
-    """Over days between intervals of an hour all that would be seen of it are levels, each its own."""
-    around = prepared(3).model.surroundings
-    walk = EFFECTS["bias_random_walk"]
-    stream = around.stream
-    closer = np.concatenate([stream.t_s[part] - stream.t_s[part][0] for part in stream.intervals])
-    closer += np.concatenate([np.full(part.stop - part.start, 2e4 * k) for k, part in enumerate(stream.intervals)])
-    near = replace(around, stream=replace(stream, t_s=closer))
-    for found, gaps in ((around, {"hold", "reset"}), (near, {"hold", "grow", "reset"})):
-        trials = walk.trials(found)
-        assert {trial.parameters["gaps"] for trial in trials} == gaps
-        assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
-
-
-def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
-    """Unit errors of the nodes against the error of the residuals that those of single references make."""
-    recording = recorded(3, every_s=30.0)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 3)
-    model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
-    rows, _ = select_nodes(model)
-    assert max(block.counts.max() for block in model.blocks) == 3
-    sizes = np.random.default_rng(2).standard_normal(rows.size)
-    for axis in range(3):
-        error = np.zeros((len(model.at_reference), 3, 1))
-        error[rows, axis, 0] = sizes
-        expected = model.whiten(model.observe_reference_error(error)[:, 0])
-        place = model.reference_places[axis]
-        np.testing.assert_allclose(
-            place.columns @ (place.mean @ sizes), expected, atol=process_projection.DECOMPOSITION.along * np.abs(expected).max()
-        )
-
-
-@pytest.mark.parametrize(("turn_deg", "count"), [(0.0, 1), (1.0, 1), (20.0, 2), (150.0, 3)])
-def test_directions_of_errors_of_a_body_that_turns_are_those_that_matter(turn_deg, count):
-    """One where it rests; two of a turn about one axis, and the third of one that tumbles; with all of the errors' mean."""
-    angle = np.deg2rad(turn_deg) * np.linspace(0, 1, 4)
-    along = np.column_stack([np.cos(angle), np.sin(angle), np.sin(angle) ** 2])
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    errors, mean = build_unit_errors(np.vstack([along, along[:2]]), np.array([0, 4]))
-    assert np.count_nonzero(np.any(errors[:3] != 0, axis=0)) == count
-    assert not np.any(errors[:3, np.any(errors[3:] != 0, axis=0)])
-    np.testing.assert_allclose(
-        (errors @ mean.toarray())[:3, :4], along.T / 4, atol=process_projection.DECOMPOSITION.along / np.sqrt(4)
-    )
-    np.testing.assert_allclose(
-        (errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=process_projection.DECOMPOSITION.along / np.sqrt(2)
-    )
 
 
 def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):
@@ -248,20 +116,3 @@ def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covarian
     early = cells.first < steps
     level = model.cell_columns[0] @ (markov(cells.t_s, tau) * np.outer(early, early)) @ model.cell_columns[0].T
     assert np.linalg.norm(level - expected) > 0.3 * np.linalg.norm(expected)
-
-
-@pytest.mark.parametrize("name", ["bias_random_walk", "bias_markov", "noise_flicker", "reference_correlated"])
-def test_directions_that_are_left_out_do_not_change_the_evidence(model, name):
-    """The log evidence at each scale, of noise and of a strong draw of the process, with all directions and with the usual."""
-    covariance, places = list_process_places(model, EFFECTS[name])
-    rng = np.random.default_rng(3)
-    for trial in EFFECTS[name].trials(model.surroundings):
-        K = covariance(trial.parameters)
-        shares = (0.0, DECOMPOSITION.share)
-        every, some = (model.project_out_nuisance(build_usual_columns(places[0], K, share)) for share in shares)
-        size = 1 / np.linalg.norm(every[:, 0])
-        noise = model.project_out_nuisance(rng.standard_normal((model.size, 1)))
-        Y = np.hstack([noise, noise + 10 * size * every @ rng.standard_normal((every.shape[1], 1))])
-        at = np.array([1.0, 10.0, 100.0]) * size
-        before, after = (log_bayes((X.T @ X)[None], (X.T @ Y)[None], at) for X in (every, some))
-        assert np.abs(after - before).max() < 0.02

@@ -3,18 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model import linearise
-from diagnosis.model import recording_model as recordings
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from gyrocal import GyroParameters, calibrate, residual_table
-from gyrocal.recording import Interval
-from simulator.simulate import simulate
+from simulator import load, motion, override
+from simulator.simulate import add_effects_and_noise, make_noise_streams, simulate
 from tests.diagnosis.recordings import plan, recorded
 
 
@@ -36,22 +33,7 @@ def quiet():
     return linearise_recording(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
 
 
-@pytest.fixture
-def condensed(recording, model, quiet, monkeypatch):
-    """The same with steps of three samples and about three references an observation."""
-    monkeypatch.setattr(linearise, "MOST_STEPS", model.t_s.size // 3 + 1)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
-    monkeypatch.setattr(recordings, "MOST_CELLS", 80)
-    made = linearise_recording(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
-    assert made.t_s.size < 0.4 * model.t_s.size
-    assert made.size < 0.4 * model.size
-    return made
-
-
-# ---- observations --------------------------------------------------------------------------------------------------------
-
-
-def test_observations_are_the_calibrators_residuals(recording, model):
+def test_observations_are_the_calibrators_residuals_and_columns_what_they_lack(recording, model, quiet):
     """In inertial axes with the sign turned; the calibrator has none for the first reference of an interval, which is zero."""
     table = residual_table(recording, GyroParameters(model.G, model.bias))
     theta = np.deg2rad(table[[f"before_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
@@ -61,10 +43,7 @@ def test_observations_are_the_calibrators_residuals(recording, model):
     np.testing.assert_allclose(ours[first], 0, atol=1e-15)
     np.testing.assert_allclose(ours[~first], theta, atol=1e-12)
     np.testing.assert_array_equal(model.zeta, model.residuals.ravel())
-
-
-def test_calibration_columns_are_what_the_residuals_lack(quiet):
-    """Finite differences in all twelve parameters, without noise, which turns them by tenths of a percent."""
+    # Finite differences in all twelve parameters, without noise, which turns them by tenths of a percent.
     scale = np.append(np.full(9, 1e-6), np.full(3, np.deg2rad(5e-8)))
     for k in range(12):
         change = np.zeros(12)
@@ -74,16 +53,7 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
         assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
 
-def test_a_step_is_a_reading_switched_on(model):
-    high = np.tile([1e-6, -2e-6, 5e-7], (model.t_s.size, 1))
-    starts = np.array([0, 700, model.blocks[1].steps.start, model.blocks[3].steps.start + 1001])
-    together = model.observe_reading_steps(high, starts)
-    for k, start in enumerate(starts):
-        alone = np.where((np.arange(model.t_s.size) >= start)[:, None], high, 0.0)
-        assert np.allclose(together[:, [k]], model.reading(alone[:, :, None]), atol=1e-16)
-
-
-def test_a_reference_error_moves_its_own_observation_only(recording, model):
+def test_a_reference_error_moves_its_own_observation_and_cells_add_up(recording, model):
     """The turn of one reference by a small angle, against its column."""
     row, angle = 5, np.deg2rad([1e-3, -2e-3, 5e-4])
     error = np.zeros((len(model.at_reference), 3, 1))
@@ -99,10 +69,7 @@ def test_a_reference_error_moves_its_own_observation_only(recording, model):
     assert np.count_nonzero(expected) == 3
     columns = model.reference_columns[:, :, row]  # of each body axis, whitened
     assert np.allclose(angle @ columns, model.whiten(expected), atol=1e-9)
-
-
-def test_cells_add_up_to_a_rate_error_throughout(model):
-    """A constant rate error about one axis is that of all cells together, and cells end at every reference."""
+    # A constant rate error about one axis is that of all cells together, and cells end at every reference.
     cells = model.cells
     assert cells.duration_s.sum() == pytest.approx(model.dt.sum())
     for block in model.blocks:
@@ -115,31 +82,9 @@ def test_cells_add_up_to_a_rate_error_throughout(model):
         np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
 
 
-def test_housekeeping_is_read_at_the_middle_of_the_steps(recording, model):
-    t = recording.gyro.t_s[::50]
-    table = pd.DataFrame({"t_s": t, "battery_c": 3.0 + 1e-4 * t})
-    stream = linearise_recording(replace(recording, tables={"housekeeping": table}), model.G, model.bias).stream
-    inside = model.t_s < t[-1]
-    np.testing.assert_allclose(stream.housekeeping["battery_c"][inside], 3.0 + 1e-4 * model.t_s[inside])
-    assert model.stream.housekeeping == {}
-
-
-# ---- noise ---------------------------------------------------------------------------------------------------------------
-
-
-def test_averaged_references_on_condensed_steps_have_unit_variance(monkeypatch):
-    """χ² of the projected observations of M0, with three references an observation and four samples a step."""
-    monkeypatch.setattr(linearise, "MOST_STEPS", 4000)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 70)
-    models = [prepare(recorded(seed)).model for seed in range(3)]
-    total, dof = sum(one.y @ one.y for one in models), sum(one.degrees_of_freedom for one in models)
-    assert dof < 3 * 220
-    assert 1e-3 < scipy.stats.chi2.cdf(total, dof) < 1 - 1e-3
-
-
 def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates():
     """The whole covariance of y over many recordings is the projection, entry by entry as far as so many can tell."""
-    count = 100
+    count = 60
     base = plan(10.0, 600.0)
     truth = np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s)
     made = [linearise_recording(simulate(base, seed=seed), *truth) for seed in range(count)]
@@ -151,16 +96,6 @@ def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates()
     z = (Y.T @ Y / count - P) / np.maximum(error, 1e-3)
     assert np.abs(z).max() < 6
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.1)
-
-
-def test_wrong_noise_is_felt(recording):
-    """Negative control: the χ² of the residuals leaves its range when the references are noisier than stated."""
-    stated = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 2))
-    result = calibrate(stated)
-    y = linearise_recording(stated, result.G, result.bias).y
-    assert y @ y > 2 * y.size
-    true = linearise_recording(stated, result.G, result.bias, sigma=recording.attitudes.sigma).y
-    assert 1e-4 < scipy.stats.chi2.cdf(true @ true, true.size - 30) < 1 - 1e-4
 
 
 def brute_force_covariance(model, block, power, sigma):
@@ -187,13 +122,12 @@ def averaging(block):
     return np.kron(M, np.eye(3))
 
 
-@pytest.mark.parametrize("isotropic", [True, False])
-def test_covariance_of_averaged_references_is_that_of_brute_force(recording, model, monkeypatch, isotropic):
-    """With stated white noise, and with a density of its own for each axis and time."""
+def test_covariance_of_averaged_references_is_that_of_brute_force(recording, model, monkeypatch):
+    """With a density of its own for each axis and time."""
     monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
     rng = np.random.default_rng(4)
     arw2 = recording.gyro.arw**2
-    density = None if isotropic else arw2 * rng.uniform(0.3, 3.0, recording.gyro.rates.shape)
+    density = arw2 * rng.uniform(0.3, 3.0, recording.gyro.rates.shape)
     sigma = recording.attitudes.sigma * rng.uniform(0.5, 2.0, recording.attitudes.sigma.shape)
     made = linearise_recording(recording, np.eye(3), model.bias, density=density, sigma=sigma)
     assert {int(count) for block in made.blocks for count in block.counts} >= {3}
@@ -202,79 +136,36 @@ def test_covariance_of_averaged_references_is_that_of_brute_force(recording, mod
         middle = made.t_s[block.steps]
         rows = np.searchsorted(t, middle, side="right") - 1
         per_step = np.full((made.t_s.size, 3), np.nan)
-        per_step[block.steps] = (arw2 if density is None else density[rows]) * made.dt[block.steps, None]
+        per_step[block.steps] = density[rows] * made.dt[block.steps, None]
         V = brute_force_covariance(made, block, per_step, sigma)
         M = averaging(block)
         np.testing.assert_allclose(block.whitener @ block.whitener.T, M @ V @ M.T, rtol=2e-4, atol=1e-5 * V.max())
 
 
-def test_condensing_leaves_the_propagation_alone(model, condensed):
-    """Observations are the means of those of every reference, to the last digit."""
-    np.testing.assert_allclose(condensed.residuals, model.residuals, atol=1e-14)
-    means = np.concatenate(
-        [averaging(block) @ model.zeta[old.rows] for block, old in zip(condensed.blocks, model.blocks, strict=True)]
-    )
-    np.testing.assert_allclose(condensed.zeta, means, atol=1e-14)
-    np.testing.assert_allclose(condensed.dt.sum(), model.dt.sum())
+SCENARIO = override(load("trmm_series"), {"gyro.sample_s": 2.0, "reference.every_s": 50.0})
+M = Rotation.from_rotvec([0.4, 0.9, -0.5]).as_matrix()
+COVARIANCE = M @ np.diag(np.deg2rad([1e-3, 1e-3, 2e-2]) ** 2) @ M.T  # one star tracker, turned against the body
 
 
-def waves(model):
-    """Readings that are high in a smooth way: constant, with the rate, slowly in time; (n, 3, 5)."""
-    out = np.zeros((model.t_s.size, 3, 5))
-    out[:, 0, 0] = 1.0
-    out[:, 1, 1] = np.abs(model.rates[:, 2]) * 1e3
-    out[:, 2, 2] = np.sin(2 * np.pi * model.t_s / 5500)
-    out[:, :, 3] = model.rates * 1e3
-    out[:, 0, 4] = (model.t_s - model.t_s.mean()) / np.ptp(model.t_s)
-    return out
+@pytest.fixture(scope="module")
+def recordings():
+    plain, path = simulate(SCENARIO, noise=False), motion(SCENARIO)
+    P = np.tile(COVARIANCE, (plain.attitudes.t_s.size, 1, 1))
+    plain = replace(plain, attitudes=plain.attitudes.replace_covariance(P))
+    return [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(4)]
 
 
-def test_columns_on_condensed_steps_are_the_means_of_those_on_single_samples(model, condensed):
-    fine, coarse = model.reading(waves(model)), condensed.reading(waves(condensed))
-    for block, old in zip(condensed.blocks, model.blocks, strict=True):
-        means = averaging(block) @ fine[old.rows]
-        # The slews turn by 0.75 deg in a step of 3 s; half of that squared is what a step leaves.
-        np.testing.assert_allclose(coarse[block.rows], means, atol=2e-4 * np.abs(fine).max())
-
-
-def test_reference_errors_and_cells_are_averaged_the_same_way(model, condensed):
-    error = np.random.default_rng(5).standard_normal((len(model.reference_rows), 3, 2))
-    fine = model.observe_reference_error(error)
-    coarse = condensed.observe_reference_error(error)
-    for block, old in zip(condensed.blocks, model.blocks, strict=True):
-        np.testing.assert_allclose(coarse[block.rows], averaging(block) @ fine[old.rows], atol=1e-12)
-    # Cells end where observations begin, so that there are not many more of them than of these.
-    assert condensed.cells.first.size < 0.8 * len(model.reference_rows)
-    constant = np.zeros((condensed.t_s.size, 3, 1))
-    constant[:, 1] = 1e-6
-    whole = condensed.whiten(condensed.observe_rate_error(constant))[:, 0]
-    # Inside a cell the rate error is turned by its mean attitude.
-    np.testing.assert_allclose(1e-6 * condensed.cell_columns[1].sum(axis=1), whole, atol=0.02 * np.abs(whole).max())
-
-
-def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatch):
-    """Averaged to one observation it would show nothing beside its own start attitude."""
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 20)
-    made = linearise_recording(recording, model.G, model.bias)
-    counts = [block.references.size for block in made.blocks]
-    assert min(counts) < 12 < max(counts)
-    for block, count in zip(made.blocks, counts, strict=True):
-        assert block.groups.size >= min(count, 10)
-    assert made.size < 0.5 * model.size
-
-
-# ---- preparation ---------------------------------------------------------------------------------------------------------
-
-
-def test_pieces_take_the_place_of_intervals(recording, model):
-    third = recording.intervals[2]
-    middle = 0.5 * (third.start_s + third.stop_s)
-    pieces = [
-        *recording.intervals[:2],
-        Interval("m3/0", third.activity, third.start_s, middle - 60),
-        Interval("m3/1", third.activity, middle + 60, third.stop_s),
-    ]
-    made = linearise_recording(recording, model.G, model.bias, pieces=pieces)
-    assert [block.interval for block in made.blocks] == [0, 1, 2, 2]
-    assert not ((made.t_s > middle - 60) & (made.t_s < middle + 60)).any()
-    assert made.nuisance.shape[1] == 3 * 4 + 12
+def test_residuals_and_the_test_of_noise_know_the_covariance_that_is_stated(recordings):
+    z = []
+    for recording in recordings:
+        result = calibrate(recording)
+        model = linearise_recording(recording, result.G, result.bias)
+        z.append((result.chi2 - result.dof) / np.sqrt(2 * result.dof))
+        assert model.y @ model.y == pytest.approx(result.chi2, rel=0.02)
+        assert model.degrees_of_freedom == result.dof
+    assert abs(np.mean(z)) < 3.5 / np.sqrt(len(z))
+    prepared = prepare(recordings[0])
+    noise = prepared.reference_noise
+    assert noise is not None
+    assert not noise.departs
+    assert noise.factor == pytest.approx(np.ones(3), abs=0.25)

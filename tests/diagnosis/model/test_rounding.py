@@ -33,7 +33,7 @@ def likelihood(model, theta, kernels):
     return compute_negative_log_likelihood(theta, model.whiten(model.zeta), build_shared_columns(model), rows, kernels)
 
 
-def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, kernels, sizes):
+def test_its_likelihood_is_a_dense_one_and_its_slope_that_of_differences(model, kernels, sizes):
     B = build_shared_columns(model)
     C = np.eye(model.size) + B @ B.T
     for variance, kernel in zip(sizes, kernels, strict=True):
@@ -43,9 +43,6 @@ def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, kernels, s
     y = model.whiten(model.zeta)
     expected = scipy.stats.multivariate_normal(np.zeros(model.size), C, allow_singular=True).logpdf(y) + constant
     assert -likelihood(model, sizes, kernels)[0] == pytest.approx(expected, abs=1e-4)
-
-
-def test_its_slope_is_that_of_differences(model, kernels, sizes):
     x = np.log(sizes)
     _, slope = likelihood(model, sizes, kernels)
     for k in range(x.size):

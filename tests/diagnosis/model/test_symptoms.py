@@ -9,16 +9,10 @@ import pytest
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import (
-    SampleCause,
     compute_posterior,
-    drop_estimated_levels,
-    list_reference_symptoms,
     list_sample_causes,
-    list_symptoms,
-    weigh_consequences,
 )
 from diagnosis.settings import DEFAULT
-from simulator.effects import EFFECTS
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
 
@@ -59,23 +53,6 @@ def test_a_symptom_is_the_effect_that_claims_it_and_otherwise_unlisted():
     assert (claimed.finding.signal, claimed.finding.axis, claimed.finding.p_value) == ("gyro stream", "y", 1e-40)
 
 
-def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allowed():
-    sure, doubtful, judged = (
-        causes([effect(Claims, "mine", "outliers")], [replace(OUTLIERS, **changes)])[0].cause(DEFAULT)
-        for changes in ({}, {"p_value": 3e-5}, {"probability": 0.7})
-    )
-    assert (sure.label, sure.size, sure.unit, sure.sigma, sure.parameters) == (
-        "mine:y",
-        0.02,
-        "deg/s",
-        1e-3,
-        {"fraction": 0.01},
-    )
-    assert sure.probability == pytest.approx(1 - DEFAULT.unlisted_in_samples)
-    assert 0.7 < doubtful.probability < 0.8
-    assert judged.probability == pytest.approx(1 / (1 / 0.7 + 0.05 / 0.95))
-
-
 def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_once():
     symptom = replace(OUTLIERS, p_value=1e-6, probability=0.8, likeness=0.3)
     found = compute_posterior(symptom, DEFAULT)
@@ -95,30 +72,10 @@ def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_onc
     assert compute_posterior(replace(OUTLIERS, p_value=1.0), DEFAULT).chance > 0.99
 
 
-def test_noise_that_an_import_estimated_is_no_cause():
-    found = prepared(3)
-    recording = found.model.recording
-    level = replace(OUTLIERS, kind="white_noise_level")
-    assert drop_estimated_levels([level, OUTLIERS], recording) == [level, OUTLIERS]
-    imported = replace(
-        recording,
-        gyro=replace(recording.gyro, arw_estimated=True),
-        attitudes=replace(recording.attitudes, sigma_estimated=True),
-    )
-    assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
-    kinds = [
-        [one.kind for one in list_reference_symptoms(replace(found, reference_noise=NOISE, model=model))]
-        for model in (found.model, replace(found.model, recording=imported))
-    ]
-    assert kinds == [["reference_noise_level"], []]
-
-
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():
     (own,) = causes([effect(Detects, "own", "outliers", "1e-30")])
     assert (own.effect, own.symptom.size, own.finding.text) == ("own", 0.05, "its own test")
-
-
-def test_a_symptom_is_nobodys_where_the_test_of_its_effect_finds_nothing():
+    # Where the test of the effect finds nothing, the symptom is nobody's.
     (left,) = causes([effect(Detects, "own", "outliers", "0.5")])
     assert left.effect is None
     assert left.symptom == OUTLIERS
@@ -133,23 +90,3 @@ def test_noise_of_the_references_is_a_symptom_only_where_it_departs():
     (every,) = causes(mine, (), replace(NOISE, axis=None))
     assert every.symptom.axis is None
     assert (every.symptom.size, every.symptom.sigma) == pytest.approx((1.2, 0.1 / np.sqrt(3)))
-
-
-def seen(kind, axis):
-    return SampleCause(replace(OUTLIERS, kind=kind, axis=axis, probability=1.0), None, None)
-
-
-def weigh(cause, effect, probability=1.0):
-    return weigh_consequences([cause], [(EFFECTS[effect], "y", probability)], DEFAULT)
-
-
-def test_noise_that_a_process_of_the_references_makes_needs_no_other_effect():
-    effect, kind = "reference_correlated", "reference_noise_level"
-    assert kind in list_symptoms(EFFECTS[effect])
-    assert weigh(seen(kind, "y"), effect) == []
-    assert weigh(seen(kind, None), effect) == []  # of all axes
-    assert weigh(seen(kind, "x"), effect) == [seen(kind, "x")]
-    assert weigh(seen("plateau", "y"), effect) == [seen("plateau", "y")]
-    (left,) = weigh(seen(kind, "y"), effect, probability=0.5)
-    assert left.symptom.probability == pytest.approx(1 - 0.5 * (1 - DEFAULT.another))
-    assert list_symptoms(EFFECTS["bias_step"]) == ()

@@ -7,9 +7,9 @@ from diagnosis.inference.amplitudes import fit
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
-from diagnosis.model.true_rates import use_true_rates
+from diagnosis.model.time_offset import compute_delay_shares, fit_delays
 from simulator.effects import EFFECTS
-from tests.diagnosis.recordings import of_rates
+from tests.diagnosis.recordings import of_rates, prepared
 
 QUADRATIC = EFFECTS["scale_quadratic"]
 DEG = np.deg2rad(1.0)
@@ -28,10 +28,10 @@ def turning(size_ppm, seed):
     return prepare(made).model
 
 
-@pytest.mark.parametrize(("size", "seed"), [(1000.0, 0), (-1000.0, 1)])
-def test_the_size_is_that_of_the_rate_without_the_effect(size, seed):
+def test_the_size_is_that_of_the_rate_without_the_effect():
     """Of two percent of the fastest turns: at the rates of M0 the column alone is off by about that much of itself."""
-    linear = build_linear_model(turning(size, seed), [QUADRATIC], rivals=False)
+    size = -1000.0
+    linear = build_linear_model(turning(size, 1), [QUADRATIC], rivals=False)
     entry = linear.candidates[linear.find("scale_quadratic:y")]
     member = SelectedCandidate(linear.find("scale_quadratic:y"), 0, int(np.argmin(np.abs(np.log(entry.scales / abs(size))))))
     found = fit(linear, [member])[0]
@@ -40,7 +40,27 @@ def test_the_size_is_that_of_the_rate_without_the_effect(size, seed):
     assert abs(plain - size) > 4 * found.sigma
 
 
-def test_a_small_effect_keeps_its_columns():
-    model = turning(20.0, 1)
-    linear = build_linear_model(model, [QUADRATIC], rivals=False)
-    assert use_true_rates(model, linear, SelectedCandidate(linear.find("scale_quadratic:y"), 0, 3), QUADRATIC) is linear
+def model_and_columns(size):
+    model = prepared(11, f"time_offset={size}", every_s=20.0).model
+    effect = EFFECTS["time_offset"]
+    small = model.whiten(model.reading(effect.columns(model.stream, None, {})))
+    return model, small, fit_delays(model, small, (5e-3, 100.0))
+
+
+def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise():
+    size = -10.0
+    model, small, large = model_and_columns(size)
+    best = max(large, key=lambda one: one.weight)
+    x = model.project_out_nuisance(best.columns)[:, 0]
+    fitted = x @ model.y / (x @ x)
+    assert abs(fitted - size) < 4 / np.linalg.norm(x)
+    dof = model.degrees_of_freedom - 1
+    assert np.sum((model.y - fitted * x) ** 2) < dof + 4 * np.sqrt(2 * dof)
+    # That of a small one does not leave noise only.
+    x = model.project_out_nuisance(small)[:, 0]
+    assert np.sum((model.y - x @ model.y / (x @ x) * x) ** 2) > dof + 8 * np.sqrt(2 * dof)
+    assert sum(one.weight for one in large) == pytest.approx(1.0, abs=1e-12)
+    # As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near.
+    np.testing.assert_allclose(
+        compute_delay_shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))]
+    )

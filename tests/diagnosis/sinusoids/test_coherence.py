@@ -42,13 +42,10 @@ def test_evidence_is_that_of_columns_made_at_each_frequency():
     assert found[0].max() > 15
 
 
-def test_noise_has_no_evidence():
+def test_noise_has_no_evidence_and_tops_are_in_order():
     """The evidence of a sinusoid exceeds e^x by chance in at most e^-x of the cases, at any one frequency."""
     rng = np.random.default_rng(2)
     values = np.array([evidence_of(rng.standard_normal(T.size))[:, 8] for _ in range(400)]).ravel()
     for x in (2.0, 4.0):
         assert np.mean(values > x) <= len(SCALES) * np.exp(-x)
-
-
-def test_tops_are_in_the_order_of_their_height():
     assert find_tops(np.array([0.0, 3.0, 1.0, 5.0, 5.0, 2.0, 4.0]), 2).tolist() == [3, 6]

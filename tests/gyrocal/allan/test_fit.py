@@ -3,7 +3,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gyrocal import InputError
 from gyrocal.allan import TERMS, compute_allan_variance, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import (
     ANGLE_WHITE,
@@ -12,7 +11,6 @@ from gyrocal.allan.terms import (
     RAMP,
     RANDOM_WALK,
     RATE_WALK,
-    compute_sinusoid_variance,
     compute_term_covariance,
 )
 from tests.builders import choose_case_numbers
@@ -97,18 +95,3 @@ def test_allan_variance_follows_from_the_covariance(term, tau):
     at = compute_term_covariance(term, np.array([0.0, tau, 2 * tau]), constant)
     z2 = 6 * at[0] - 8 * at[1] + 2 * at[2] + (6.0 if term == ANGLE_WHITE else 0.0)
     assert compute_allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
-
-
-def test_a_sinusoid_by_its_samples():
-    n, frequency = 200000, 0.0137
-    t = noises.SAMPLE_S * np.arange(n)
-    rates = 2.0 * np.sin(2 * np.pi * frequency * t)
-    found = overlapping_allan_deviation([rates], noises.SAMPLE_S, [4, 32, 73, 200])
-    assert np.allclose(found.variance, compute_sinusoid_variance(2.0, frequency, found.tau_s), rtol=0.01, atol=1e-4)
-
-
-def test_no_noise_is_said():
-    with pytest.raises(InputError, match="no noise to describe"):
-        fit_terms(overlapping_allan_deviation([np.ones(1000)], 1.0))
-    with pytest.raises(InputError, match="too few for terms"):
-        fit_terms(overlapping_allan_deviation([np.random.default_rng(1).standard_normal(20)], 1.0))

@@ -13,9 +13,7 @@ from gyrocal import (
     UnobservableError,
     attitude,
     calibrate,
-    residual_table,
 )
-from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
@@ -43,24 +41,12 @@ def test_noise_free_piecewise_constant_rates_are_recovered(kind, psi, request):
     assert result.converged
     np.testing.assert_allclose(result.G, TRUTH.G, rtol=0, atol=1e-10)
     np.testing.assert_allclose(result.bias, TRUTH.bias, rtol=0, atol=1e-13)
-    assert result.chi2 < 1e-6
-    after = result.residuals.filter(like="after").to_numpy()
-    assert np.abs(after).max() < 1e-9
-
-
-def test_one_iteration_leaves_the_quadratic_term_and_the_second_removes_it(ends):
-    one = calibrate(ends, iterations=1, initial=PRELAUNCH)
-    two = calibrate(ends, iterations=2, initial=PRELAUNCH)
-    assert len(two.corrections) == 2
-    first, second = (np.abs(c.G).max() for c in two.corrections)
-    assert 3e-8 < second < 1e-5 < first  # N Table 5: 1e-3, then 1e-6
-    assert np.abs(one.G - TRUTH.G).max() == pytest.approx(second, rel=0.05)
-    assert np.abs(two.G - TRUTH.G).max() < 1e-8
+    assert np.abs(result.residuals.filter(like="after").to_numpy()).max() < 1e-9
 
 
 @pytest.mark.parametrize(("space", "solve_for"), [("gain", "all"), ("gyro", "all,-c_y")])
 def test_recursive_calibrator_equals_the_compiled_batch(space, solve_for):
-    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(3), sample_s=2.0)
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(3), sample_s=10.0)
     references = recording.attitudes
     # One sigma about all axes would hide in which direction the noise at the start is turned to the end.
     recording = replace(recording, attitudes=replace(references, sigma=references.sigma * [1.0, 2.0, 5.0]))
@@ -74,7 +60,7 @@ def test_recursive_calibrator_equals_the_compiled_batch(space, solve_for):
         interval = recording.intervals[arc]
         inside = (recording.gyro.t_s >= interval.start_s) & (recording.gyro.t_s < interval.stop_s)
         for raw in recording.gyro.rates[inside]:
-            recursive.sample(raw, 2.0)
+            recursive.sample(raw, 10.0)
         theta.append(recursive.finish(A[prepared.row[j]], recording.attitudes.sigma[prepared.row[j]]))
     parameters, P = recursive.solve()
     np.testing.assert_allclose(parameters.vector[:9], batch.parameters.vector[:9], rtol=0, atol=1e-12)
@@ -85,7 +71,7 @@ def test_recursive_calibrator_equals_the_compiled_batch(space, solve_for):
     np.testing.assert_allclose(np.rad2deg(theta), before, atol=1e-10)
 
 
-@pytest.mark.parametrize("solve_for", ["bias", "gyro_y", "all,-misalignment", "G_zz,b_x"])
+@pytest.mark.parametrize("solve_for", ["all,-misalignment", "G_zz,b_x"])
 def test_subset_is_found_when_the_rest_is_right(ends, solve_for):
     initial = TRUTH.vector.copy()
     solved = calibrate(ends, solve_for=solve_for, initial=TRUTH).solved_for
@@ -93,10 +79,7 @@ def test_subset_is_found_when_the_rest_is_right(ends, solve_for):
     initial[columns] += np.where(np.array(columns) < 9, 1e-3, 1e-6)
     result = calibrate(ends, solve_for=solve_for, initial=GyroParameters.from_vector(initial))
     np.testing.assert_allclose(result.parameters.vector, TRUTH.vector, rtol=0, atol=1e-10)
-    held = [k for k in range(12) if k not in columns]
-    np.testing.assert_array_equal(result.parameters.vector[held], TRUTH.vector[held])
-    np.testing.assert_array_equal(result.sigma[held], 0)
-    assert (result.sigma[columns] > 0).all()
+    assert np.flatnonzero(result.sigma).tolist() == columns
 
 
 def test_too_few_intervals_report_what_is_free_with_the_plausible_ranges_as_prior():
@@ -107,23 +90,8 @@ def test_too_few_intervals_report_what_is_free_with_the_plausible_ranges_as_prio
     assert result.has_plausible_prior
     assert result.options["prior_sigma"]["G_xx"] == PLAUSIBLE_G
     assert result.undetermined
-    document = result.to_json()
-    assert document["unobservable"] == list(free)
-    assert len(document["unobservable_sigma"]) == len(free)
-    assert document["undetermined_parameters"] == list(result.undetermined)
     # A free combination keeps the sigma of its plausible range, whose length along it is between the parameters' own.
     assert all(sigma > 0.5 * PLAUSIBLE_G for text, sigma in zip(free, result.unobservable_sigma, strict=True) if "G_" in text)
-
-
-def test_combinations_that_are_found_keep_their_values_beside_free_ones():
-    """With the plausible ranges as prior, a bias seen at rest is that of a calibration that solves for biases alone."""
-    recording = piecewise_recording(((((0.0, 0.0, 0.0), 600.0),),), arw=np.deg2rad(2e-4), rng=np.random.default_rng(3))
-    alone = calibrate(recording, solve_for="bias")
-    result = calibrate(recording)
-    assert alone.observability.unobservable == ()
-    assert len(result.observability.unobservable) >= 6
-    np.testing.assert_allclose(result.bias, alone.bias, rtol=0, atol=0.05 * alone.sigma[9:].max())
-    assert set(result.undetermined) == {name for name in NAMES if name.startswith("G")}
 
 
 def test_a_recording_that_determines_nothing_ends_in_one_line_that_names_what_to_do():
@@ -168,35 +136,11 @@ def test_the_prior_is_counted_once_over_iterations():
     assert np.abs(few.G - PRELAUNCH.G).max() > 1e-4
 
 
-def test_linear_residual_and_table_without_estimating(ends):
-    table = residual_table(ends, PRELAUNCH)
-    result = calibrate(ends, initial=PRELAUNCH, iterations=1)
-    np.testing.assert_array_equal(table["before_roll_deg"], result.residuals["before_roll_deg"])
-    assert "after_roll_deg" not in table
-    full, linear = table["before_pitch_deg"], table["before_linear_pitch_deg"]
-    assert 0 < np.abs(full - linear).max() < 1e-4
-
-
-def test_skipping_and_averaging_steps():
-    recording = piecewise_recording(arw=np.deg2rad(3e-4), rng=np.random.default_rng(6))
-    fine = calibrate(recording, resampling="average")
-    averaged = calibrate(recording, step_s=2.0, resampling="average")
-    skipped = calibrate(recording, step_s=2.0, resampling="skip")
-    # Means keep the integral, so the answer hardly moves; skipping throws noise averaging away and its sigma says so.
-    assert np.abs((averaged.G - fine.G) / fine.sigma[:9].reshape(3, 3)).max() < 0.05
-    assert (skipped.sigma > 1.2 * fine.sigma).all()
-
-
 @pytest.mark.parametrize(
     ("kwargs", "text"),
     [
         ({"iterations": 0}, "at least one iteration"),
-        ({"iterations": None, "max_iterations": 0}, "at least one iteration"),
-        ({"plausible_G": 0.0}, "plausible_G"),
-        ({"max_gap_s": np.nan}, "longest gap"),
-        ({"step_s": np.inf}, "multiple"),
         ({"step_s": 0.7}, "multiple"),
-        ({"apriori_covariance": np.eye(3)}, "12×12"),
         ({"apriori_covariance": -np.eye(12)}, "positive definite"),
         ({"interval_covariance": np.zeros((2, 3, 3))}, "6×3×3"),
         ({"solve_for": "G_ab"}, "unknown parameter"),
@@ -205,42 +149,6 @@ def test_skipping_and_averaging_steps():
 def test_bad_arguments_are_refused(ends, kwargs, text):
     with pytest.raises(InputError, match=text):
         calibrate(ends, **kwargs)
-
-
-def test_json_has_the_documented_keys(ends):
-    document = calibrate(ends).to_json()
-    assert {
-        "format", "recording", "psi", "iterations", "converged", "G", "bias_deg_s", "sigma_G", "sigma_bias_deg_s",
-        "attenuation_G", "parameters", "covariance", "covariance_model", "corrections", "residuals", "unobservable",
-    } <= set(document)  # fmt: skip
-    assert document["parameters"] == list(NAMES)
-    assert np.shape(document["covariance"]) == (12, 12)
-    assert len(document["residuals"]) == 6
-    assert np.rad2deg(1) ** 2 * 1e-30 < document["covariance"][11][11] < 1e-8
-
-
-def test_compiled_iterations_are_those_of_calibrate():
-    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0, series_s=300.0)
-    for psi in ("full", "linear"):
-        prepared = prepare_measurements(recording)
-        result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
-        compiled = Problem.build(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
-        np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
-        np.testing.assert_allclose(compiled.x[-1][9:], result.bias, rtol=0, atol=1e-16)
-        np.testing.assert_allclose(compiled.theta, result.history, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(compiled.P, result.covariance, rtol=1e-9)
-        assert compiled.chi2 == pytest.approx(result.chi2, rel=1e-9)
-
-
-def test_not_looking_back_changes_nothing_but_what_is_looked_at():
-    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
-    problem = Problem.build(recording, prepare_measurements(recording))
-    full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
-    np.testing.assert_array_equal(full.x, short.x)
-    np.testing.assert_array_equal(full.P, short.P)
-    np.testing.assert_array_equal(full.theta[0], short.theta[0])
-    assert np.isnan(short.theta[1]).all()
-    assert np.isnan(short.chi2)
 
 
 def test_a_prepared_problem_takes_another_cases_data():
@@ -255,22 +163,13 @@ def test_a_prepared_problem_takes_another_cases_data():
     np.testing.assert_array_equal(prepared.measurements.arcs.raw, prepare_measurements(first, 4.0, "average").arcs.raw)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-12, 0.99e-9, 1.01e-9, 1e-6, 0.1, 2.0, 3.0])
-def test_compiled_residual_is_the_rotation_vector(size):
-    theta = size * np.array([0.6, -0.64, 0.48])
-    A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))
-    A_obs = attitude.rotation_matrix(theta) @ R @ A
-    np.testing.assert_allclose(accumulation.compute_attitude_residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
-    np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)
-
-
 def test_chi2_with_a_prior_has_the_degrees_of_freedom_it_claims():
-    """60 good recordings: the mean of χ² is its degrees of freedom, with a prior as without; 5 standard errors."""
+    """30 good recordings: the mean of χ² is its degrees of freedom, with a prior as without; 5 standard errors."""
     prior = np.diag([1e-3**2] * 9 + [np.deg2rad(1e-4) ** 2] * 3)
     rng = np.random.default_rng(9)
     drawn = {None: [], "prior": []}
     dofs = {}
-    for seed in range(60):
+    for seed in range(30):
         recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=10.0, series_s=300.0)
         initial = GyroParameters.from_vector(TRUTH.vector + rng.normal(size=12) * np.sqrt(np.diag(prior)))
         for key, covariance in ((None, None), ("prior", prior)):
@@ -279,7 +178,7 @@ def test_chi2_with_a_prior_has_the_degrees_of_freedom_it_claims():
             dofs[key] = result.dof
     assert dofs["prior"] == dofs[None] + 12
     for key, values in drawn.items():
-        assert np.mean(values) == pytest.approx(dofs[key], abs=5 * np.sqrt(2 * dofs[key] / 60))
+        assert np.mean(values) == pytest.approx(dofs[key], abs=5 * np.sqrt(2 * dofs[key] / 30))
 
 
 def test_residual_sigma_is_that_of_the_covariance():

@@ -8,15 +8,12 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, calibrate
-from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
+from gyrocal.calibration.implausible_values import find_implausible_values
 from gyrocal.calibration.mounting import compute_mounting
 from gyrocal.calibration.plausible_ranges import (
     DEG_SQRT_H,
     MEMS_BIAS,
-    MEMS_G,
-    RAD_S_PER_DEG_H,
     RANGES,
-    RestRates,
     compute_rest_rates,
     estimate_plausible_ranges,
 )
@@ -33,22 +30,12 @@ def moving():
     return piecewise_recording(MOVES, arw=arw, rng=np.random.default_rng(4), sigma_deg=0.05, series_s=1.0, sample_s=0.05)
 
 
-@pytest.mark.parametrize(
-    ("arw", "grade"), [(0.0, "space"), (0.016, "space"), (0.05, "space"), (0.07, "tactical"), (0.3, "MEMS")]
-)
+@pytest.mark.parametrize(("arw", "grade"), [(0.0, "space"), (0.05, "space"), (0.07, "tactical"), (0.3, "MEMS")])
 def test_the_stated_walk_gives_the_grade(arw, grade):
     recording = piecewise_recording(arw=arw * DEG_SQRT_H)
     found = estimate_plausible_ranges(recording)
     assert found.grade == grade
     assert (found.G, found.bias) == next((G, bias) for name, _, G, bias in RANGES if name == grade)
-    assert f"{grade} grade, from the stated angle random walk of {arw:.2g} deg/sqrt(h)" == found.reason
-
-
-def test_what_is_stated_goes_before_the_grade():
-    recording = piecewise_recording(arw=0.3 * DEG_SQRT_H)
-    found = estimate_plausible_ranges(recording, plausible_bias=1e-3)
-    assert (found.G, found.bias) == (MEMS_G, 1e-3)
-    assert found.reason.startswith("plausible_bias as stated; MEMS grade")
 
 
 def test_the_bias_in_a_rest_is_found_and_corrects_the_grade(moving):
@@ -79,34 +66,15 @@ def test_polar_decomposition_and_its_jacobians():
     skewed = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
     for G in (turn @ skewed, -turn @ skewed):
         R, _ = polar(G)
-        change = 1e-6 * rng.normal(size=(200, 3, 3))
+        size = 1e-6 * rng.uniform(0.2, 2.0, (3, 3))
+        change = size * rng.normal(size=(200, 3, 3))
         moved = [polar(G + one) for one in change]
         rotations = np.array([Rotation.from_matrix(other @ R.T).as_rotvec() for other, _ in moved])
-        found = compute_mounting(G, 1e-12 * np.eye(9), G, 0.01)
+        found = compute_mounting(G, np.diag(size.ravel() ** 2), G, 0.01)
         np.testing.assert_allclose(found.sigma_rotation, rotations.std(axis=0), rtol=0.2)
         np.testing.assert_allclose(found.sigma_S, np.std([other for _, other in moved], axis=0), rtol=0.25)
         assert found.is_mirrored == (np.linalg.det(G) < 0)
         assert found.change == pytest.approx(0.0, abs=1e-7)
-
-
-@pytest.fixture(scope="module")
-def rich():
-    """Turns about each axis and back, without noise, stated as of a MEMS gyro."""
-    rates = 0.2 * np.vstack([np.eye(3), -np.eye(3)])
-    plan = tuple(((tuple(rate), 10.0), (tuple(-rate), 5.0)) for rate in rates)
-    recording = piecewise_recording(plan, series_s=2.5, sample_s=0.1, sigma_deg=0.01)
-    return replace(recording, gyro=replace(recording.gyro, arw=0.3 * DEG_SQRT_H))
-
-
-def test_a_rotation_of_the_references_goes_into_the_mounting_alone(rich):
-    moving = rich
-    turn = Rotation.from_rotvec(np.deg2rad([4.0, -2.0, 3.0]))
-    q = (Rotation.from_quat(moving.attitudes.quaternions) * turn.inv()).as_quat()
-    before = calibrate(moving).mounting
-    after = calibrate(replace(moving, attitudes=replace(moving.attitudes, quaternions=q))).mounting
-    np.testing.assert_allclose(after.S, before.S, atol=1e-6)
-    np.testing.assert_allclose(after.R, turn.as_matrix() @ before.R, atol=1e-6)
-    assert after.to_json()["angle_deg"] == pytest.approx(np.rad2deg(after.angle))
 
 
 def test_motion_about_one_axis_leaves_the_mounting_open():
@@ -136,21 +104,3 @@ def test_values_that_no_gyro_has_are_named(moving):
     assert "30 deg away from the stated axes" in found[1]
     assert "4 times the plausible range of the MEMS grade" in found[2]
     assert "off the bias in the rests" in found[3]
-
-
-def test_a_bias_off_the_rests_by_less_than_its_error_is_no_warning():
-    rest = RestRates(np.zeros(3), np.zeros(3), sigma=100 * RAD_S_PER_DEG_H)
-    ranges = replace(estimate_plausible_ranges(piecewise_recording()), rest=rest)
-    mounting = compute_mounting(np.eye(3), np.zeros((9, 9)), np.eye(3), 0.01)
-    bias = np.array([20 * RAD_S_PER_DEG_H, 0.0, 0.0])
-    assert find_implausible_values(mounting, np.eye(3), bias, np.zeros(3), ranges) == ()
-
-
-def test_a_misfit_widens_sigmas_beyond_the_ranges():
-    covariance, ranges = np.diag([0.5, 0.01]) ** 2, np.ones(2)
-    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 90.0, 100) == ()
-    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 300.0, 100) == ()
-    (text,) = find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 900.0, 100)
-    assert "√(χ²/dof) = 3," in text
-    assert "1 of 2 parameter combinations" in text
-    assert "1 G_xx" in text

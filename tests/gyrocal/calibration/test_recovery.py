@@ -1,12 +1,18 @@
-"""Injected parameters come back from the simulator's noise-free truth, which shares no propagation with the calibrator."""
+"""Injected parameters come back from noise-free truth of the simulator and from recordings by an independent program."""
+
+import json
 
 import numpy as np
 import pytest
+import scipy.stats
 
-from gyrocal import calibrate
+from gyrocal import calibrate, load
 from simulator import scenario as scenarios
 from simulator import simulate
+from tests import SHARED
 
+FOLDER = SHARED / "practice"
+KEYS = json.loads((FOLDER / "keys.json").read_text()) if FOLDER.is_dir() else {}
 CONTROL = {"control_motion": {"amplitude_deg": [0.02, 0.02, 0.02], "period_s": [180.0, 240.0, 300.0]}}
 
 
@@ -30,3 +36,16 @@ def test_error_is_the_second_order_of_a_mean_rate():
         error[sample_s] = np.abs(calibrate(simulate(scenario, noise=False)).G - scenario.gyro.true_G).max()
     assert error[4.0] > 1e-6
     assert error[4.0] / error[1.0] == pytest.approx(16, rel=0.02)
+
+
+@pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
+@pytest.mark.parametrize("name", sorted(name for name, key in KEYS.items() if not key["effects"]))
+def test_without_effect_the_key_is_recovered_within_sigma(name):
+    key = KEYS[name]
+    result = calibrate(load(FOLDER / name))
+    truth = np.concatenate([np.ravel(key["true_G"]), np.deg2rad(key["true_bias_deg_s"])])
+    error = result.parameters.vector - truth
+    assert np.abs(error / result.sigma).max() < 3.5  # of 12: 0.6 % by chance
+    nees = error @ np.linalg.solve(result.covariance, error)
+    assert 0.005 < scipy.stats.chi2.sf(nees, 12) < 0.995
+    assert 0.005 < result.p_value < 0.995

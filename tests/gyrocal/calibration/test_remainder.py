@@ -11,17 +11,12 @@ from scipy.spatial.transform import Rotation
 from gyrocal import calibrate
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.remainder import (
-    MOST_RESIDUALS,
     add_remainder,
     build_paths,
-    choose_evenly,
-    compute_p_value,
-    list_processes,
 )
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Process, Stretches, read_processes
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
-from tests.builders import piecewise_recording
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
 RATE, REFERENCE = np.deg2rad(0.1), np.deg2rad(0.2)
@@ -119,8 +114,6 @@ def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
     document = result.to_json()
     np.testing.assert_array_equal(result.covariance, plain.covariance)
     assert document["recommended"] == WITH_REMAINDER
-    assert len(document["sigma_nominal"]) == len(document["sigma_with_remainder"]) == 12
-    assert document["remainder"]["noise_factor"] >= 1
     assert read_processes(document["remainder"]) == result.remainder.processes
     path = tmp_path / "result.json"
     path.write_text(json.dumps(document), encoding="utf-8")
@@ -130,27 +123,3 @@ def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
     nominal = KnownCalibration.build(plain)
     assert nominal.noise == RemainderNoise()
     np.testing.assert_array_equal(nominal.covariance, plain.covariance)
-
-
-def test_gyro_space_gives_the_same_covariance():
-    recording = simulate_remainder(4, rate=RATE)
-    gain = add_remainder(recording, calibrate(recording))
-    gyro = add_remainder(recording, calibrate(recording, parametrisation="gyro"))
-    np.testing.assert_allclose(gyro.remainder.sigma, gain.remainder.sigma, rtol=0.01)
-
-
-def test_few_degrees_of_freedom_have_only_a_noise_factor():
-    assert list_processes((1.0, 10.0), 20) == ()
-    rng = np.random.default_rng(0)
-    recording = piecewise_recording(rng=rng, arw=2e-7)
-    noisy = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 10))
-    result = add_remainder(noisy, calibrate(noisy))
-    assert result.recommended == WITH_REMAINDER
-    assert result.remainder.noise_factor > 3
-
-
-def test_p_value_and_choice_of_residuals():
-    assert compute_p_value(0.0, 10) == pytest.approx(1 - 0.5**10)
-    assert compute_p_value(50.0, 10) < 1e-12
-    assert choose_evenly(1000, MOST_RESIDUALS).size == MOST_RESIDUALS
-    np.testing.assert_array_equal(choose_evenly(4, 10), np.arange(4))

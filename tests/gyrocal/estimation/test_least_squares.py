@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 
-from gyrocal.estimation.least_squares import ExactLeastSquares, PlainLeastSquares, Rows, accumulate_by_increment
+from gyrocal.estimation.least_squares import ExactLeastSquares, PlainLeastSquares, Rows
 
 NODES, ROWS, P = 12, 60, 5
 
@@ -85,24 +84,3 @@ def test_exact_is_generalised_least_squares_and_kriging(system):
     np.testing.assert_allclose(influence.measurements, -to_z, atol=1e-9)
     np.testing.assert_allclose(joint(influence, q), expected, rtol=1e-7, atol=1e-12)
     assert length > 0
-
-
-def test_exact_converges_in_one_step_of_a_linear_problem(system):
-    rows, q, _ = system
-    gamma, delta, _ = ExactLeastSquares(rows, q, np.zeros((NODES - 1, 3))).step()
-    left = rows.z - np.einsum("ri,ri->r", rows.attitude, gamma[rows.node]) - rows.parameters @ delta
-    after = ExactLeastSquares(Rows(rows.node, rows.attitude, rows.parameters, left), q, np.diff(gamma, axis=0))
-    again, change, length = after.step()
-    assert length < 1e-9
-    np.testing.assert_allclose(again, 0, atol=1e-12)
-    X, _, V = dense(rows, q)
-    Z = scipy.linalg.solve_triangular(np.linalg.cholesky(V), np.column_stack([X, rows.z]), lower=True)
-    least = np.linalg.lstsq(Z[:, :-1], Z[:, -1], rcond=None)[1][0]
-    assert left @ left + after.walk_chi2 == pytest.approx(least, rel=1e-9)
-    np.testing.assert_allclose(change, 0, atol=1e-12)
-
-
-def test_an_increment_enters_later_nodes_only():
-    rows = Rows(np.array([0, 1, 2]), np.eye(3), np.zeros((3, 3)), np.zeros(3))
-    errors = np.array([[1.0, 2.0, 4.0]])
-    np.testing.assert_array_equal(accumulate_by_increment(rows, errors, 3), [[[0, 2, 4]], [[0, 0, 4]]])

@@ -1,8 +1,6 @@
 """The attitude by gyro alone: unbiased, with the covariance of its errors, and none of what it was not told."""
 
-import re
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +8,8 @@ import pytest
 from gyrocal import GyroParameters, InputError, attitude, calibrate
 from gyrocal.calibration.remainder_processes import Process
 from gyrocal.estimation.error_smoother import ErrorStates
-from gyrocal.estimation.predict import _check_memory, condition_on_references, list_step_times, predict, prior_covariance
+from gyrocal.estimation.predict import _check_memory, predict, prior_covariance
 from gyrocal.estimation.remainder_noise import RemainderNoise
-from tests import ROOT
 from tests.builders import RPO, TRUTH, mean_bounds, piecewise_recording
 
 DEG_S = np.deg2rad(1.0)
@@ -44,13 +41,6 @@ def error(found):
     return attitude.residual(attitude.matrix_from_quaternion(QUIET.attitudes.quaternions[rows]), found.A)
 
 
-def test_without_noise_the_truth_is_predicted():
-    gyro = replace(QUIET.gyro, apriori_G=TRUTH.G, apriori_bias=TRUTH.bias, arw=1e-12)
-    sharp = replace(QUIET, gyro=gyro, attitudes=replace(QUIET.attitudes, sigma=QUIET.attitudes.sigma * 1e-4))
-    found = predict(sharp, FROM_S, np.array([700.0, 1000.0]), prior_covariance(1e-9, 1e-12))
-    np.testing.assert_allclose(error(found), 0.0, atol=1e-8)
-
-
 def test_errors_have_the_covariance_that_is_claimed():
     cases, times = 60, np.array([660.0, 800.0, 1000.0])
     nees = np.zeros((cases, times.size))
@@ -69,38 +59,10 @@ def test_errors_have_the_covariance_that_is_claimed():
     assert abs(chi2.mean()) < 4 * np.sqrt(2 * found.dof / cases)
 
 
-def test_times_inside_are_smoothed_and_a_hole_is_bridged():
-    recording = drawn(3)
-    t = recording.attitudes.t_s
-    hole = (t > 300.0) & (t < 500.0)
-    found = condition_on_references(recording, ~hole, t[hole], P0)
-    middle, edge = found.sigma[len(found.sigma) // 2], found.sigma[0]
-    assert (middle > edge).all()
-    assert (np.abs(error(found)) < 4.5 * found.sigma).all()
-    seen = condition_on_references(recording, np.ones_like(hole), t[hole], P0)
-    assert (seen.sigma < found.sigma).all()
-
-
-def test_a_common_rotation_and_scale_are_widened_alone():
-    G = TRUTH.G
-    P = prior_covariance(1e-12, 1e-15, 0.1, 0.01, G)
-    turned = (attitude.cross_matrix(np.array([0.0, 0.0, 1.0])) @ G).ravel()
-    np.testing.assert_allclose(P[:9, :9] @ turned / (0.1**2 * (turned @ turned)), turned, atol=1e-3)
-    assert np.linalg.matrix_rank(P[:9, :9], tol=1e-9) == 4
-
-
 @pytest.mark.parametrize(("from_s", "words"), [(-5.0, "no interval begins before"), (1e6, "the gyro ends at")])
 def test_what_cannot_be_predicted_is_said(from_s, words):
     with pytest.raises(InputError, match=words):
         predict(QUIET, from_s)
-
-
-def test_the_page_s_example():
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "predict.md").read_text(), flags=re.DOTALL)
-    namespace = {}
-    exec(compile("\n".join(blocks), "predict.md", "exec"), namespace)
-    sigma = namespace["found"].sigma
-    assert (sigma[-1] > sigma[0]).all()
 
 
 STATED = np.deg2rad(0.01)
@@ -164,12 +126,3 @@ def test_memory_grows_with_the_number_of_references_and_not_with_its_square():
     assert peak < 75e6
     with pytest.raises(InputError, match=r"need \d+\.\d GB, the limit is 4 GB: give a larger --step"):
         _check_memory(10**7, RemainderNoise())
-
-
-def test_equal_steps_end_at_the_first_gap():
-    gyro = QUIET.gyro
-    kept = (gyro.t_s < 700.0) | (gyro.t_s > 750.0)
-    holed = replace(QUIET, gyro=replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept]))
-    found = list_step_times(holed, FROM_S, 12.5)
-    np.testing.assert_allclose(found, FROM_S + 12.5 * np.arange(1, 5))
-    assert list_step_times(holed, FROM_S, 1e3).size == 0

@@ -7,12 +7,10 @@ import pytest
 
 from gyrocal import calibrate
 from gyrocal.calibration.remainder import add_remainder
-from gyrocal.calibration.remainder_processes import Process
-from gyrocal.estimation.predict import predict
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise
 from tests import SHARED
-from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
+from tests.gyrocal.calibration.remainder_cases import simulate_remainder
 
 HALF_S, END_S = 36.0, 72.0
 REMAINDERS = ({}, {"rate": np.deg2rad(0.2)}, {"reference": np.deg2rad(0.2)}, {"delay_s": 0.01})
@@ -37,38 +35,6 @@ def test_normalised_errors_in_the_second_half_are_one(remainder):
     assert ((with_remainder > 0.7) & (with_remainder < 1.4)).all(), with_remainder
     if remainder:
         assert without.max() > 1.6, without
-
-
-def test_noise_of_a_prediction_grows_with_each_process():
-    recording = simulate_remainder(0)
-    known = KnownCalibration(TRUTH, np.diag([1e-8] * 12), RemainderNoise())
-    start, times = known.apply(recording), np.array([50.0, 60.0])
-    plain = predict(start, 40.0, times, known.covariance)
-    none = predict(start, 40.0, times, known.covariance, RemainderNoise())
-    np.testing.assert_allclose(none.covariance, plain.covariance, rtol=1e-9)
-    q = np.deg2rad(0.1)
-    for process in (
-        Process("rate", (9, 10, 11), 0.0, q**2),
-        Process("rate", (9, 10, 11), 3.0, q**2),
-        Process("rate", (9, 10, 11), np.inf, q**2),
-        Process("rate", (0, 4, 8), 3.0, 1e-4),
-        Process("reference", (0, 1, 2), 3.0, q**2),
-        Process("delay", (0,), np.inf, 1e-4),
-    ):
-        wider = predict(start, 40.0, times, known.covariance, RemainderNoise((process,)))
-        assert (np.linalg.eigvalsh(wider.covariance - plain.covariance) > -1e-4 * plain.sigma.max() ** 2).all(), process
-        assert (wider.sigma.sum(axis=1) > plain.sigma.sum(axis=1)).all(), process
-
-
-def test_white_rate_errors_are_more_angle_random_walk():
-    recording = simulate_remainder(0)
-    known = KnownCalibration(TRUTH, np.diag([1e-12] * 12), RemainderNoise())
-    start, times = known.apply(recording), np.array([45.0, 60.0])
-    arw = 3 * recording.gyro.arw
-    noisier = replace(start, gyro=replace(start.gyro, arw=float(np.hypot(start.gyro.arw, arw))))
-    expected = predict(noisier, 40.0, times, known.covariance)
-    found = predict(start, 40.0, times, known.covariance, RemainderNoise((Process("rate", (9, 10, 11), 0.0, arw**2),)))
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=0.02, atol=1e-8)  # a stretch's turns average
 
 
 REAL = SHARED / "real" / "broad"

@@ -1,49 +1,66 @@
 """Batch attitudes given to the calibrator: their covariance is that of simulated residuals, and leaving part out shows."""
 
+from functools import cache
+
 import numpy as np
 import pytest
-import scipy.linalg
-import scipy.stats
 
-from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
-from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
+from gyrocal import GyroParameters, GyroStream, InputError, Interval, Recording, calibrate
+from gyrocal.attitude import matrix_from_quaternion, residual
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.estimation.batch import batch
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
 from simulator.streams import generator
 from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
-from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch
-from tests.gyrocal.estimation.reference_cases import (
-    BACKWARD,
-    COMPONENT_SIGMA,
-    FORWARD,
-    REFERENCE_CASE_EPOCH,
-    SLEW_RATE,
-    build_chain_case,
-    build_separate_case,
+from tests.gyrocal.estimation.attitude_cases import (
+    ATTITUDE_CASE_ARW,
+    RPO,
+    TRUE_BIAS,
+    build_timeline_flight,
+    make_direction_sensor,
 )
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
 TRUE = TRUTH.vector
+EPOCH = "2000-01-01T00:00:00Z"
+COMPONENT_SIGMA = 5e-4  # of each component a sensor sees
+STAR_DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
+SLEW_RATE = float(np.deg2rad(0.3))  # rad/s
+FORWARD, BACKWARD, SIDEWAYS, STILL = (0.0, -RPO, 0.0), (0.0, RPO, 0.0), (RPO, 0.0, 0.0), (0.0, 0.0, 0.0)
+SLEWS = SLEW_RATE * np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0], [0, -1, 0], [-1, 0, 0]])
+CHAIN_ARW = 0.2 * ATTITUDE_CASE_ARW  # small, or the gyro's noise hides what is shared
 
 
 def references(motion, gyro, low, high, times, rng, weighting="plain", every_s=30.0):
-    """A batch between two times, with attitudes wanted at some."""
-    return run_star_batch(motion, gyro, low, high, times, rng, COMPONENT_SIGMA, weighting, every_s)
+    """A batch of two sensors of fixed directions, always in view, between two times, with attitudes wanted at some."""
+    t = np.arange(low, high + 1e-9, every_s)
+    sensors = [make_direction_sensor(f"star {k}", np.tile(one, (t.size, 1))) for k, one in enumerate(STAR_DIRECTIONS)]
+    series = [sensor.simulate_series(motion, t, COMPONENT_SIGMA, rng) for sensor in sensors]
+    return batch(series, gyro, motion.get_attitudes([low])[0], epoch_s=low, times=times, weighting=weighting)
 
 
-def solved(recording, V, iterations=4):
-    """The calibration with one covariance V of all residuals: parameters and P. What `calibrate` does block by block."""
-    prepared, A = prepare_measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
-    scale = np.array([1e-3] * 9 + [1e-7] * 3)
-    x, W = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.linalg.inv(V)
-    for _ in range(iterations):
-        passed = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:])
-        theta = residual(A[prepared.row], passed.R @ A[prepared.start]).ravel()
-        H = passed.Theta.reshape(-1, 12) * scale
-        P = np.linalg.inv(H.T @ W @ H)
-        x = x - scale * (P @ H.T @ W @ theta)
-    return x, P * np.outer(scale, scale)
+@cache
+def build_chain():
+    """A flight, spans of batches, and intervals that share batches."""
+    parts, intervals, spans, clock = [], [], [], 0.0
+    for k, rate in enumerate((FORWARD, BACKWARD, FORWARD, SIDEWAYS, BACKWARD, STILL, FORWARD)):
+        spans.append((clock, clock + 900.0, (clock, clock + 900.0)))
+        following = [(f"slew {k}", SLEWS[k], 600.0)] if k < len(SLEWS) else []
+        for name, turn, length in [(f"arc {k}", rate, 900.0), *following]:
+            parts.append((turn, length))
+            intervals.append(Interval(name, "", clock, clock + length))
+            clock += length
+    return build_timeline_flight(parts, TRUTH.G, arw=CHAIN_ARW, bias=TRUTH.bias), spans, tuple(intervals)
+
+
+def draw_chain(rng):
+    """A recording of the chain with noise and the intervals of which batches are its references; and the batches."""
+    motion, spans, intervals = build_chain()
+    gyro = motion.gyro(rng)
+    batches = [references(motion, gyro, *span, rng) for span in spans]
+    stream = GyroStream(gyro.t_s, gyro.rates, gyro.sample_s, CHAIN_ARW)
+    return Recording("chain", EPOCH, stream, reference_attitudes(batches), intervals), batches
 
 
 @pytest.mark.parametrize("cases", choose_case_numbers(40, 300))
@@ -61,7 +78,7 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting,
         rng = generator(52, case, weighting)
         gyro = motion.gyro(rng)
         batches = [references(motion, gyro, *span, rng, weighting, every_s=60.0) for span in spans]
-        recording = Recording("shared", REFERENCE_CASE_EPOCH, gyro, reference_attitudes(batches), intervals)
+        recording = Recording("shared", EPOCH, gyro, reference_attitudes(batches), intervals)
         prepared, A = prepare_measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
         R = propagate(prepared.arcs, np.eye(3), TRUE_BIAS).R
         draws.append(residual(A[prepared.row], R @ A[prepared.start]).ravel())
@@ -71,74 +88,17 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting,
     # Elements of a whitened covariance scatter by 1/sqrt(cases), its diagonal by sqrt(2/cases); 5 sigma.
     np.testing.assert_allclose(white @ white.T / cases, np.eye(9), atol=5 * np.sqrt(2 / cases))
     assert is_mean_of_chi2(np.square(white).sum(axis=0), 9)
-    blocks = interval_covariance(batches, intervals, arw)
-    np.testing.assert_array_equal(blocks[1], V[3:6, 3:6])
-    # What the references' sigmas say by themselves is something else.
-    sigma = [one.attitude_sigma for one in batches]
-    alone = sigma[0][1, 0] ** 2 + sigma[1][0, 0] ** 2 + arw**2 * 600
-    assert abs(blocks[1][0, 0] / alone - 1) > 0.15
-
-
-def test_two_attitudes_of_one_plain_batch_measure_the_bias_and_nothing_else():
-    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
-    found = references(motion, motion.gyro(), 0, 1200, (0, 900), generator(52, 0, "one"))
-    C = interval_covariance([found], [Interval("all", "", 0, 900)], ATTITUDE_CASE_ARW)[0]
-    # ψ over 900 s at a constant rate, N (11), by quadrature.
-    tau = np.linspace(0, 900, 2001)
-    turns = rotation_matrix(-tau[:, None] * (np.array(FORWARD) + found.bias - TRUE_BIAS))
-    S = np.trapezoid(turns, tau, axis=0)
-    np.testing.assert_allclose(C, S @ found.covariance[3:6, 3:6] @ S.T, rtol=1e-5, atol=1e-14)
-
-
-def test_references_come_in_the_order_of_time_and_once():
-    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
-    rng = generator(52, 0, "two")
-    late = references(motion, motion.gyro(), 600, 1200, (1200, 700), rng)
-    early = references(motion, motion.gyro(), 0, 500, (0,), rng)
-    found = reference_attitudes([late, early])
-    np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
-    np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], late.attitude_sigma[1], late.attitude_sigma[0]])
-    whole, half = Interval("whole", "", 0, 1200), Interval("half", "", 0, 600)
-    assert residual_covariance([late, early], [whole], ATTITUDE_CASE_ARW).shape == (6, 6)
-    for match, call in (
-        ("of one time, 0 s", lambda: reference_attitudes([early, early])),
-        ("no batch", lambda: reference_attitudes([])),
-        ("whole has 3 references", lambda: interval_covariance([late, early], [whole], ATTITUDE_CASE_ARW)),
-        ("half: 1 reference", lambda: residual_covariance([late, early], [half], ATTITUDE_CASE_ARW)),
-    ):
-        with pytest.raises(InputError, match=match):
-            call()
-
-
-@pytest.mark.parametrize("cases", choose_case_numbers(40, 100))
-def test_the_calibration_from_batch_attitudes_is_covered_with_the_bias_that_they_share(cases):
-    """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
-    setup = build_separate_case(TRUTH)
-    out = {"given": [], "independent": []}
-    for case in range(cases):
-        recording, batches = setup.draw(generator(53, case, "separate"))
-        C = interval_covariance(batches, setup.intervals, ATTITUDE_CASE_ARW)
-        for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
-            result = calibrate(recording, **options)
-            error = TRUE - result.parameters.vector
-            out[name].append((squared_error(error, result.covariance), squared_error(error[9:], result.covariance[9:, 9:])))
-    (everything, bias), (everything_alone, bias_alone) = (np.array(values).T for values in out.values())
-    assert is_mean_of_chi2(everything, 12)
-    assert is_mean_of_chi2(bias, 3)
-    assert not is_mean_of_chi2(bias_alone, 3)
-    assert np.mean(bias_alone) > 1.2 * 3
-    assert np.mean(everything_alone) > np.mean(everything) + 0.5
+    np.testing.assert_array_equal(interval_covariance(batches, intervals, arw)[1], V[3:6, 3:6])
 
 
 @pytest.mark.parametrize("cases", choose_case_numbers(60, 100))
 def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
-    setup = build_chain_case(TRUTH)
     values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
     for case in range(cases):
-        recording, batches = setup.draw(generator(53, case, "chain"))
-        V = residual_covariance(batches, setup.intervals, setup.arw)
-        C = interval_covariance(batches, setup.intervals, setup.arw)
+        recording, batches = draw_chain(generator(53, case, "chain"))
+        V = residual_covariance(batches, recording.intervals, CHAIN_ARW)
+        C = interval_covariance(batches, recording.intervals, CHAIN_ARW)
         found = {
             "whole": calibrate(recording, residual_covariance=V),
             "blocks": calibrate(recording, interval_covariance=C),
@@ -152,26 +112,22 @@ def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     assert not is_mean_of_chi2(values["blocks"], 12)
     assert not is_mean_of_chi2(values["independent"], 12)
     assert np.mean(sigmas) > 1.3
-    assert dof == {3 * len(setup.intervals) - 12}
-    # The iteration written out, about the same covariance; and the covariance of the blocks, given as one, is the blocks'.
-    whole, x, P = found["whole"], *solved(recording, V)
-    np.testing.assert_allclose(whole.parameters.vector / whole.sigma, x / whole.sigma, rtol=0, atol=1e-3)
-    np.testing.assert_allclose(
-        whole.covariance / np.outer(whole.sigma, whole.sigma), P / np.outer(whole.sigma, whole.sigma), atol=1e-6
-    )
-    together = calibrate(recording, residual_covariance=scipy.linalg.block_diag(*C))
-    np.testing.assert_allclose(together.parameters.vector, found["blocks"].parameters.vector, rtol=1e-12)
-    np.testing.assert_allclose(together.covariance, found["blocks"].covariance, rtol=1e-6, atol=1e-30)
-    assert together.chi2 == pytest.approx(found["blocks"].chi2, rel=1e-9)
-    assert whole.covariance_model == together.covariance_model == "given"
-    stated = np.deg2rad(whole.residuals[[f"sigma_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
-    np.testing.assert_allclose(stated.ravel() ** 2, np.diag(V), rtol=1e-12)
+    assert dof == {3 * len(recording.intervals) - 12}
+
+
+def test_references_come_in_the_order_of_time_and_once():
+    motion, rng = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3)), generator(52, 0, "two")
+    late, early = (references(motion, motion.gyro(), *span, rng) for span in ((600, 1200, (1200, 700)), (0, 500, (0,))))
+    found = reference_attitudes([late, early])
+    np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
+    np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], *late.attitude_sigma[::-1]])
+    with pytest.raises(InputError, match="of one time, 0 s"):
+        reference_attitudes([early, early])
 
 
 def test_a_covariance_of_all_residuals_is_checked():
-    setup = build_chain_case(TRUTH)
-    recording, batches = setup.draw(generator(53, 0, "chain"))
-    V = residual_covariance(batches, setup.intervals, setup.arw)
+    recording, batches = draw_chain(generator(53, 0, "chain"))
+    V = residual_covariance(batches, recording.intervals, CHAIN_ARW)
     lopsided, singular = V.copy(), V.copy()
     lopsided[0, 4] += 0.1 * np.sqrt(V[0, 0] * V[4, 4])
     singular[:3], singular[:, :3] = singular[3:6], singular[:, 3:6]
@@ -179,6 +135,3 @@ def test_a_covariance_of_all_residuals_is_checked():
     for match, value in (("39×39, not 36×36", V[:36, :36]), (definite, lopsided), (definite, singular), (definite, -V)):
         with pytest.raises(InputError, match=match):
             calibrate(recording, residual_covariance=value)
-    C = interval_covariance(batches, setup.intervals, setup.arw)
-    with pytest.raises(InputError, match="not both"):
-        calibrate(recording, residual_covariance=V, interval_covariance=C)

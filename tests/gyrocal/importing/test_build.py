@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -10,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
-from gyrocal import InputError, importing, rests
+from gyrocal import importing, rests
 from gyrocal.calibration.gate import LargeResidualError
-from gyrocal.importing import agreement, estimates, motion, validate_mapping
+from gyrocal.importing import estimates, validate_mapping
 from gyrocal.importing.build import build
 from gyrocal.importing.streams import Sensor, Streams, read_streams
 from studies.validation import mems_log
@@ -36,15 +35,10 @@ def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data)
     assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.REFERENCE_SIGMA_DEG, rel=0.15)
     # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
     np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
-    assert "2 rest(s) found" in imported.assumed
-    assert set(imported.assumed) <= set(imported.summary()["value"])
-    intervals = imported.recording.intervals
-    assert all(b.start_s > a.stop_s for a, b in pairwise(intervals))
-    assert max(one.stop_s - one.start_s for one in intervals) < 31
+    assert max(one.stop_s - one.start_s for one in imported.recording.intervals) < 31
     result = gyrocal.calibrate(imported.recording)
     error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
     assert (np.abs(error) < 4 * result.sigma).all()
-    assert result.converged
 
 
 def test_a_wrong_mapping_is_named_as_the_only_one_that_fits(data):
@@ -53,33 +47,11 @@ def test_a_wrong_mapping_is_named_as_the_only_one_that_fits(data):
     assert message.endswith(f" % with {wanted}")
 
 
-def test_a_scalar_last_file_read_as_scalar_first(data):
-    table = data.attitude[["timestamp_ms", "qx", "qy", "qz", "qw"]].set_axis(["timestamp_ms", "a", "b", "c", "d"], axis=1)
-    for direction in ("body-to-world", "world-to-body"):
-        turned = table if direction == "body-to-world" else table.assign(a=-table["a"], b=-table["b"], c=-table["c"])
-        message = find_refusal(replace(data, attitude=turned), {"quat": f"a,b,c,d:{direction}:scalar-first"})
-        assert message.endswith(" % with the quaternion's scalar part last (scalar-last)")
-
-
-def test_another_bodys_attitudes_fit_nothing(data):
-    other = mems_log.log(np.random.default_rng(6), seconds=120.0)
-    message = find_refusal(replace(data, attitude=other.attitude), {})
-    assert "are they of the same body and time?" in message
-
-
-def test_unchecked_tables_are_taken_and_it_is_written_down(data):
-    mapping = validate_mapping(CORRECT_MAPPING | {"gyro": "gy,gx,gz:deg/s"}, "mapping")
-    made = build(read_streams(data.gyro, data.attitude, mapping), mapping, check=False)
-    assert any("imported unchecked although" in text and "y,x,z" in text for text in made.assumed)
-
-
-def test_notes_stand_beside_a_recording_of_the_same_format(imported, tmp_path):
-    importing.write(imported, tmp_path)
-    again = gyrocal.load(tmp_path)
-    np.testing.assert_allclose(again.gyro.rates, imported.recording.gyro.rates, rtol=1e-15)
-    notes = gyrocal.recording.read_toml(tmp_path / importing.NOTES_FILE)
-    assert notes["mapping"] == CORRECT_MAPPING
-    assert notes["assumed"] == list(imported.assumed)
+def test_a_gap_ends_an_interval(data):
+    mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
+    holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
+    first, second = build(read_streams(holed, data.attitude, mapping), mapping).recording.intervals
+    assert second.start_s - first.stop_s > 0.9
 
 
 def test_tables_of_different_times_say_which_unit_would_do(data):
@@ -91,25 +63,9 @@ def test_tables_of_different_times_say_which_unit_would_do(data):
     assert "with the attitudes' time unit 1000 times finer" in find_refusal(wrong, {"time": "timestamp_ms:s"})
 
 
-def test_a_delay_of_a_few_samples_is_said_and_not_refused(data):
-    mapping = validate_mapping(CORRECT_MAPPING | {"attitude_offset_s": 0.05}, "mapping")
-    made = build(read_streams(data.gyro, data.attitude, mapping), mapping)
-    assert any("-0.05 s added" in text and "not undone" in text for text in made.assumed)
-
-
-def test_a_gap_ends_an_interval(data):
-    mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
-    holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
-    made = build(read_streams(holed, data.attitude, mapping), mapping)
-    first, second = made.recording.intervals
-    assert first.stop_s <= second.start_s
-    gyrocal.calibrate(made.recording)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda rates: rates - np.deg2rad(6.0), r"with a bias of [56]\.\d*, [56]\.\d*, [56]\.\d* deg/s"),
         (np.deg2rad, "the gyro in rad/s, not deg/s"),
         (Rotation.from_rotvec([0.5, -0.7, 0.4]).apply, "--mounting estimate"),
     ],
@@ -174,41 +130,6 @@ def test_four_gyros_are_joined_in_a_mounting_that_is_estimated(mirror):
     np.testing.assert_allclose(gyro.arw_deg_per_sqrt_s, np.sqrt(0.75) * 1e-5)
 
 
-def test_the_parity_of_joined_gyros_has_their_noise_and_shows_the_one_that_fails():
-    walk = np.deg2rad(1e-5)
-    found, _ = import_four(walk=walk)
-    assert found.recording.gyro.arw == pytest.approx(np.sqrt(0.75) * walk, rel=0.1)
-    assert sum("differs from what the others say" in text for text in found.assumed) == 4
-    assert found.warnings == ()
-
-    def step(gyro):
-        gyro.loc[1500:, "c"] += 1e-3
-
-    stepped, _ = import_four(walk=walk, damage=step, unchecked=True)
-    assert any("the gyros do not agree" in text and "--gyros" in text for text in stepped.warnings)
-    without, _ = import_four(walk=walk, damage=step, gyros="1,b,4")
-    assert without.warnings == ()
-    three, four = (one.recording.gyro for one in (without, found))
-    np.testing.assert_allclose(three.rates @ three.apriori_G.T, four.rates @ four.apriori_G.T, atol=1e-4)
-
-
-def test_rows_without_a_gyro_use_the_others():
-    def lose(gyro):
-        gyro.loc[100:200, "a"] = np.nan
-        gyro.loc[150, "b"] = np.nan
-
-    found, omega = import_four(damage=lose, arw_deg_per_sqrt_s=1e-5)
-    assert any("101 gyro row(s) in which a gyro is missing use the others" in text for text in found.assumed)
-    gyro = found.recording.gyro
-    np.testing.assert_allclose(gyro.rates @ gyro.apriori_G.T, omega, atol=2e-3 * np.abs(omega).max())
-
-
-@pytest.mark.parametrize(("gyros", "words"), [("a,b", "three or more different ones"), ("a,b,5", "no gyro 5; there are 4")])
-def test_gyros_that_cannot_be_joined_are_refused(gyros, words):
-    with pytest.raises(InputError, match=words):
-        import_four(gyros=gyros)
-
-
 def trackers(rng, sigma, dropped=(100.0, 130.0)):
     """Streams of three gyros and two trackers, the second of which drops out for a while."""
     t, omega, body = turning(1800)
@@ -228,62 +149,17 @@ def test_two_trackers_are_joined_with_their_own_noise_and_mounting():
     found = build(made, validate_mapping(ENTRIES, "x"))
     references, joined = found.recording.attitudes, found.joined
     assert [one.name for one in joined.sensors] == ["one", "two"]
-    for number, one in enumerate(("one", "two")):
-        (said,) = (text for text in found.assumed if text.startswith(f"1-sigma about the axes of {one}: "))
-        own = [float(value) for value in said.split(": ")[1].split(" deg")[0].split(",")]
-        np.testing.assert_allclose(own, np.rad2deg(sigma[number]), rtol=0.25)
     second = joined.sensors[1]
     off = (Rotation.from_matrix(second.mounting.T).inv() * MOUNTING).as_rotvec()
     assert (np.abs(off) < 4.5 * second.mounting_sigma).all()
     assert second.agreement == pytest.approx(1, abs=0.1)
-    assert any("estimated with 1-sigma" in text and "sigma RMS" in text for text in found.assumed)
     assert np.diff(references.t_s).min() > 0.9
     alone = (references.t_s > 99.95) & (references.t_s < 130.05)  # where the second drops out
-    assert alone.sum() > 25
     np.testing.assert_allclose(np.rad2deg(references.sigma[alone][0]), [0.001, 0.002, 0.008], rtol=0.25)
     assert (np.rad2deg(references.sigma[~alone]) < 0.003).all()
     result = gyrocal.calibrate(found.recording)
     assert result.p_value > 1e-3
     assert (np.abs(result.parameters.vector - np.eye(4, 3).ravel()) < 4.5 * result.sigma).all()
-
-
-def test_mountings_that_are_stated_are_kept_weighed_or_refused():
-    made, _ = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
-    stated = {"one": [0.0, 0.0, 0.0, 1.0], "two": (MOUNTING * Rotation.from_rotvec([1e-3, 0, 0])).as_quat().tolist()}
-    kept, weighed = (
-        build(made, validate_mapping(ENTRIES | {"mountings": stated, "mounting_sigma_deg": prior}, "x")).joined.sensors[1]
-        for prior in (None, {"two": [0.1] * 3})
-    )
-    assert kept.mounting_sigma is None
-    np.testing.assert_allclose(kept.mounting, Rotation.from_quat(stated["two"]).as_matrix().T, atol=1e-12)
-    np.testing.assert_allclose(weighed.mounting, MOUNTING.as_matrix().T, atol=np.deg2rad(1e-3))
-    for changes, words in (
-        ({"mountings": stated | {"two": MOUNTING.inv().as_quat().tolist()}}, "two is mounted .* deg from where it is stated"),
-        ({"mountings": stated, "attitude_by": None}, "goes with attitude_by"),
-        ({"mounting_sigma_deg": {"two": [0.1] * 3}}, "no mounting of two is stated"),
-    ):
-        with pytest.raises(InputError, match=words):
-            build(made, validate_mapping(ENTRIES | changes, "x"))
-
-
-def test_one_of_two_trackers_is_read_alone(tmp_path):
-    made, t = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
-    gyro = pd.DataFrame(np.column_stack([t, np.rad2deg(made.raw)]), columns=["t", "x", "y", "z"])
-    rows = [pd.DataFrame(one.q, columns=list("abcd")).assign(t=one.t_s, unit=one.name) for one in made.sensors]
-    gyro.to_csv(tmp_path / "gyro.csv", index=False)
-    pd.concat(rows).to_csv(tmp_path / "attitude.csv", index=False)
-    entries = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "a,b,c,d:scalar-last:body-to-inertial", "attitude_by": "unit"}
-    files = tmp_path / "gyro.csv", tmp_path / "attitude.csv"
-    both, alone = importing.import_csv(*files, **entries), importing.import_csv(*files, **entries, sensor="one")
-    rows[0].to_csv(tmp_path / "attitude.csv", index=False)
-    without = importing.import_csv(*files, **{name: text for name, text in entries.items() if name != "attitude_by"})
-    np.testing.assert_array_equal(alone.recording.attitudes.quaternions, without.recording.attitudes.quaternions)
-    np.testing.assert_array_equal(alone.recording.attitudes.sigma, without.recording.attitudes.sigma)
-    assert (alone.joined, alone.recording.attitudes.correlation) == (None, None)
-    assert both.joined is not None
-    for changes in ({"sensor": "three"}, {"sensor": "one", "attitude_by": None}):
-        with pytest.raises(InputError, match="sensor: no attitude sensor"):
-            importing.import_csv(*files, **(entries | changes))
 
 
 def test_rests_of_a_body_that_turns_steadily_are_none():
@@ -303,17 +179,3 @@ def test_walk_of_white_rates():
     rates = rng.normal(size=(20000, 3)) * 1e-3 / np.sqrt(0.01)
     np.testing.assert_allclose(estimates.estimate_walk_at_rest([rates], 0.01), 1e-3, rtol=0.05)
     np.testing.assert_allclose(estimates.estimate_walk_in_motion(rates, 0.01), 1e-3, rtol=0.05)
-    assert estimates.estimate_walk_at_rest([rates[:20]], 0.01) is None
-
-
-def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
-    t, omega, _ = turning(600)
-    about_z = np.column_stack([np.zeros(600), np.zeros(600), omega[:, 1]])
-    angle = np.concatenate([[0.0], np.cumsum(about_z[:-1, 2] * 0.1)])
-    q = Rotation.from_rotvec(np.outer(angle, [0, 0, 1.0])).as_quat()
-    windows = motion.build_motion(t, -about_z, 0.1, t, q)
-    found = agreement.evaluate_agreement(windows, "deg/s", "s", "scalar-last")
-    assert not found.fits
-    # A sign and a direction are one change each, and turns about one axis do not tell them apart.
-    assert "does not tell from another reading that changes as much" in found.sentence
-    assert "x,y,-z" in found.sentence or "inertial-to-body" in found.sentence

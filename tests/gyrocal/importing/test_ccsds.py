@@ -57,12 +57,11 @@ def test_a_quarter_turn_by_hand(tmp_path):
 
 @pytest.mark.parametrize("place", ["FIRST", "LAST"])
 @pytest.mark.parametrize("direction", ["A2B", "B2A"])
-@pytest.mark.parametrize("kind", ["QUATERNION", "QUATERNION/RATE"])
-def test_version_1_says_direction_and_order(tmp_path, direction, place, kind):
+def test_version_1_says_direction_and_order(tmp_path, direction, place):
     turned = -HALF if direction == "B2A" else HALF
     numbers = f"{HALF} 0 0 {turned}" if place == "FIRST" else f"0 0 {turned} {HALF}"
     other = "1.0 0.0 0.0 0.0" if place == "FIRST" else "0.0 0.0 0.0 1.0"
-    changes = (*version_1(direction, place), (QUARTER, numbers), ("0.0 0.0 0.0 1.0", other), ("= QUATERNION\n", f"= {kind}\n"))
+    changes = (*version_1(direction, place), (QUARTER, numbers), ("0.0 0.0 0.0 1.0", other))
     found = read(tmp_path, AEM, *changes)
     np.testing.assert_allclose(x_axis(found), [0, -1, 0], atol=1e-15)
     np.testing.assert_allclose(found.q[1], [0, 0, 0, 1], atol=1e-15)
@@ -81,18 +80,8 @@ def test_elements_of_xml_have_names_whatever_their_order(tmp_path, place):
     np.testing.assert_allclose(x_axis(older), [0, -1, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize("frame", ["ICRF", "ICRF3", "GCRF", "EME2000", "J2000", "TOD", "TOD_EARTH", "TEME", "mod"])
-def test_inertial_frames_are_read(tmp_path, frame):
-    assert read(tmp_path, AEM, ("EME2000", frame)).frames == (frame, "SC_BODY_1")
-
-
-@pytest.mark.parametrize(
-    "frame", ["LVLH", "LVLH_ROTATING", "LVLH_INERTIAL", "RTN", "ITRF", "ITRF-97", "ITRF2014", "GTOD", "TDR", "EFG", "MY_OWN"]
-)
+@pytest.mark.parametrize("frame", ["LVLH_INERTIAL", "ITRF-97", "MY_OWN"])
 def test_frames_that_turn_are_refused(tmp_path, frame):
-    for text in (AEM, XML):
-        with pytest.raises(InputError, match=f"the frame {frame} turns, or is not known"):
-            read(tmp_path, text, ("EME2000", frame))
     with pytest.raises(InputError, match=f"the frame {frame} turns"):
         read(tmp_path, AEM, ("_A = EME2000", "_A = SC_BODY_1"), ("_B = SC_BODY_1", f"_B = {frame}"))
 
@@ -108,11 +97,8 @@ def test_time_systems(tmp_path, system, behind):
     ("changes", "words"),
     [
         ([("VERS = 2.0", "VERS = 3.0")], "version 3.0 is not read; read is 1.0 or 2.0"),
-        ([("SC_BODY_1", "ICRF")], "one must be of a spacecraft"),
         ([("= UTC", "= TDB")], "time system TDB"),
-        ([("= QUATERNION", "= QUATERNION/RATE")], "attitude type QUATERNION/RATE"),
         ([("VERS = 2.0", "VERS = 1.0")], "the metadata have no ATTITUDE_DIR, QUATERNION_TYPE"),
-        (version_1("A-B"), "ATTITUDE_DIR is A-B, which is neither A2B nor B2A"),
         ([(QUARTER, "0 0 1")], "line 16: 4 numbers"),
         ([(QUARTER, "0 0 0 1\nDATA_STOP\nMETA_STOP")], "META_STOP ends no block"),
     ],
@@ -122,39 +108,14 @@ def test_what_an_aem_lacks_is_said(tmp_path, changes, words):
         read(tmp_path, AEM, *changes)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('version="2.0"', 'version="1.0"', "have no ATTITUDE_DIR, QUATERNION_TYPE"),
-        ("<Q2>0</Q2>", "", "attitude 1: 4 numbers"),
-        ("</data>", "<attitudeState><spin><EPOCH>2020-229T12:02:10</EPOCH></spin></attitudeState></data>", "attitude 2: 4"),
-    ],
-)
-def test_what_an_aem_in_xml_lacks_is_said(tmp_path, old, new, words):
-    with pytest.raises(InputError, match=words):
-        read(tmp_path, XML, (old, new))
-
-
-def test_xml_of_another_message_is_refused(tmp_path):
-    with pytest.raises(InputError, match="not an AEM: its XML begins with <oem>"):
-        read(tmp_path, XML.replace("n:aem", "n:oem"))
-
-
-@pytest.mark.parametrize("form", ["kvn", "xml"])
-def test_a_gyro_and_a_message_of_another_implementation_are_calibrated(run_cli, tmp_path, form):
+def test_a_gyro_and_a_message_of_another_implementation_are_calibrated(run_cli, tmp_path):
     other = pytest.importorskip("ccsds_ndm")
     log = mems_log.log(np.random.default_rng(12), seconds=60.0)
     quaternions = mems.write_aem(log, tmp_path / "mine.aem")
-    other.Aem.from_file(str(tmp_path / "mine.aem")).to_file(str(tmp_path / "theirs"), format=form)
+    other.Aem.from_file(str(tmp_path / "mine.aem")).to_file(str(tmp_path / "theirs"), format="xml")
     found = aem.read_aem(tmp_path / "theirs")
     np.testing.assert_allclose(found.q, quaternions, rtol=0, atol=1e-12)
-    done = run_cli(
-        "import",
-        "aem",
-        mems.write_gyro(log, tmp_path / "gyro.csv"),
-        str(tmp_path / "theirs"),
-        str(tmp_path / "rec"),
-        *mems.OPTIONS,
-    )
+    gyro, *files = mems.write_gyro(log, tmp_path / "gyro.csv"), str(tmp_path / "theirs"), str(tmp_path / "rec")
+    done = run_cli("import", "aem", gyro, *files, *mems.OPTIONS)
     assert done.exit_code == 0, done.stderr
     assert mems.largest_error(gyrocal.load(tmp_path / "rec"), log) < 4

@@ -6,11 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams, write
-from gyrocal.recording.parts import build_empty_attitudes
+from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
 from studies.validation import mems_log
 
 
@@ -42,24 +40,9 @@ def test_references_a_turn_apart_come_back_whole_and_refuse_a_wrong_mapping(tmp_
             import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **(read | wrong))
 
 
-@pytest.mark.parametrize(("title", "expected"), [(None, "a flight"), ("mine", "mine")])
-def test_a_recording_without_a_title_has_that_of_its_folder(imported, tmp_path, title, expected):
-    csv_files.write_csv(imported, tmp_path)
-    read = {**load_mapping(tmp_path / "mapping.toml"), "title": title}
-    write(import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", **read), tmp_path / "a flight")
-    assert gyrocal.load(tmp_path / "a flight").title == expected
-
-
-def test_without_references_there_is_nothing_to_import(imported, tmp_path):
-    source = replace(imported, attitudes=build_empty_attitudes(), without_references=True)
-    with pytest.raises(InputError, match="has no reference attitudes"):
-        csv_files.write_csv(source, tmp_path)
-
-
 @pytest.mark.parametrize(
     ("scale", "epoch", "columns"),
     [
-        ("UTC", "2023-11-14T22:13:20.125Z", ["unix_ns"]),
         ("UTC", "2023-11-15T00:13:20.125+02:00", ["unix_ns"]),
         ("GPS", "2023-11-14T22:13:38.125", ["gps_week", "gps_second"]),
         ("trial", "2000-01-01T00:00:00", ["t_s"]),
@@ -81,46 +64,6 @@ def test_tables_are_read_as_the_recording_that_they_are_of(imported, tmp_path, s
     np.testing.assert_allclose(again.attitudes.t_s - shift, source.attitudes.t_s, rtol=0, atol=1e-8)
     np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions, rtol=0, atol=1e-15)
     np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma, rtol=1e-12)
-    for one, other in zip(again.intervals, source.intervals, strict=True):
-        assert (one.name, one.activity) == (other.name, other.activity)
-        assert (one.start_s - shift, one.stop_s - shift) == pytest.approx((other.start_s, other.stop_s), abs=1e-8)
     np.testing.assert_allclose(again.gyro.apriori_bias, source.gyro.apriori_bias, rtol=1e-12)
     assert again.gyro.arw == pytest.approx(source.gyro.arw, rel=1e-12)
     assert again.title == 'a "log"'
-    if scale == "trial":
-        assert again.epoch == epoch
-
-
-def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path):
-    gyrocal.save(imported, tmp_path / "rec")
-    done = run_cli("export", "csv", str(tmp_path / "rec"), str(tmp_path / "out"))
-    assert done.exit_code == 0, done.stderr
-    files = [str(tmp_path / "out" / name) for name in ("gyro.csv", "attitude.csv")]
-    again = run_cli("import", "csv", *files, str(tmp_path / "again"), "--mapping", str(tmp_path / "out" / "mapping.toml"))
-    assert again.exit_code == 0, again.stderr
-    np.testing.assert_allclose(gyrocal.load(tmp_path / "again").gyro.rates, imported.gyro.rates, rtol=0, atol=1e-15)
-
-
-def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path):
-    one = imported.intervals[0]
-    rows = gyrocal.recording.find_reference_rows(imported.attitudes.t_s, one)
-    shared_s = float(imported.attitudes.t_s[rows[len(rows) // 2]])
-    halves = replace(one, name="first", stop_s=shared_s), replace(one, name="second", start_s=shared_s)
-    attitudes = gyrocal.Attitudes(*(getattr(imported.attitudes, name)[rows] for name in ("t_s", "quaternions", "sigma")))
-    source = replace(imported, attitudes=attitudes, intervals=halves)
-    csv_files.write_csv(source, tmp_path)
-    again = back(tmp_path)
-    np.testing.assert_allclose(again.attitudes.t_s, attitudes.t_s, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(again.attitudes.quaternions, attitudes.quaternions, rtol=0, atol=1e-15)
-    assert [(part.name, part.start_s, part.stop_s) for part in again.intervals] == [
-        (part.name, pytest.approx(part.start_s), pytest.approx(part.stop_s)) for part in halves
-    ]
-    both = [gyrocal.recording.find_reference_rows(again.attitudes.t_s, part) for part in again.intervals]
-    assert sum(map(len, both)) == len(attitudes.t_s) + 1  # the shared reference is of both
-
-    # A table that holds the shared reference twice, once for each interval, is the same recording.
-    table = pd.read_csv(tmp_path / "attitude.csv")
-    at = table.unix_ns[rows.size // 2]
-    twice = pd.concat([table[table.unix_ns <= at], table[table.unix_ns >= at]])
-    twice.to_csv(tmp_path / "attitude.csv", index=False)
-    np.testing.assert_array_equal(back(tmp_path).attitudes.t_s, again.attitudes.t_s)

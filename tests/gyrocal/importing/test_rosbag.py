@@ -20,7 +20,7 @@ def log():
     return mems_log.log(np.random.default_rng(21), seconds=60.0)
 
 
-def bag(path, gyro, poses, kind="PoseStamped", version=1, stamped=True, extra=()):
+def bag(path, gyro, poses, kind="PoseStamped", version=1, extra=()):
     """A bag of rates (t_ns, x, y, z) and attitudes (t_ns, x, y, z, w), of topics /imu and /mocap, and of more topics of Imu."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
@@ -32,8 +32,7 @@ def bag(path, gyro, poses, kind="PoseStamped", version=1, stamped=True, extra=()
     sequence = {"seq": 0} if version == 1 else {}
 
     def header(t):
-        when = t if stamped else 0
-        time = types["builtin_interfaces/msg/Time"](sec=int(when // 10**9), nanosec=int(when % 10**9))
+        time = types["builtin_interfaces/msg/Time"](sec=int(t // 10**9), nanosec=int(t % 10**9))
         return types["std_msgs/msg/Header"](stamp=time, frame_id="world", **sequence)
 
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
@@ -73,20 +72,18 @@ def bag(path, gyro, poses, kind="PoseStamped", version=1, stamped=True, extra=()
     return path
 
 
-def rows(log, turn=None):
+def rows(log):
     w = np.deg2rad(log.gyro[["gx", "gy", "gz"]].to_numpy())
-    q = Rotation.from_quat(np.roll(log.attitude[["qw", "qx", "qy", "qz"]].to_numpy(), -1, axis=1))
-    q = (q if turn is None else q * turn).as_quat()
+    q = np.roll(log.attitude[["qw", "qx", "qy", "qz"]].to_numpy(), -1, axis=1)
     gyro = [(int(t) * MS, *row) for t, row in zip(log.gyro["timestamp_ms"], w, strict=True)]
     return gyro, [(int(t) * MS, *row) for t, row in zip(log.attitude["timestamp_ms"], q, strict=True)]
 
 
-@pytest.mark.parametrize(("version", "kind"), [(1, "PoseStamped"), (2, "Odometry")])
-def test_a_bag_is_imported_and_calibrated(run_cli, log, tmp_path, version, kind):
-    path = bag(tmp_path / ("log.bag" if version == 1 else "log"), *rows(log), kind, version)
+def test_a_bag_is_imported_and_calibrated(run_cli, log, tmp_path):
+    path = bag(tmp_path / "log", *rows(log), "Odometry", version=2)
     done = run_cli("import", "bag", str(path), str(tmp_path / "rec"))
     assert done.exit_code == 0, done.stderr
-    assert ("not independent" in " ".join(done.stdout.split())) == (kind == "Odometry")
+    assert "not independent" in " ".join(done.stdout.split())
     assert mems.largest_error(gyrocal.load(tmp_path / "rec"), log) < 4
 
 
@@ -104,34 +101,17 @@ def test_a_quarter_turn_by_hand(tmp_path, kind):
     assert "rates are those of /imu" in said[0]
 
 
-def test_headers_without_time_are_replaced(tmp_path):
-    path = bag(tmp_path / "b.bag", [(7, 0.1, 0.2, 0.3)], [(9, 0.0, 0.0, 0.0, 1.0)], stamped=False)
-    gyro, attitudes, said = rosbag.read_bag(path)
-    assert (gyro["t"][0], attitudes["t"][0]) == (7, 9)
-    assert sum("have no time" in text for text in said) == 2
-
-
 def test_what_is_wrong_with_a_bag_is_said(tmp_path):
     one, other = [(7, 0.1, 0.2, 0.3)], [(9, 0.0, 0.0, 0.0, 1.0)]
     path = bag(tmp_path / "b.bag", one, other, extra=("/imu2",))
     for call, words in (
         (lambda: rosbag.read_bag(path), "several topics of Imu; give --imu-topic: /imu, /imu2"),
-        (lambda: rosbag.read_bag(path, "/imu", "/odom"), "no topic /odom of PoseStamped"),
-        (lambda: rosbag.read_bag(tmp_path / "none.bag"), "no such file"),
-        (lambda: rosbag.read_bag(tmp_path), "cannot be read as a bag"),
         (lambda: rosbag.read_bag(bag(tmp_path / "c.bag", one, [])), "no topic of PoseStamped, .*; there are /imu"),
     ):
         with pytest.raises(InputError, match=words):
             call()
     whole = path.read_bytes()
-    for length in (0, 5, 2000, len(whole) // 2, len(whole) - 3):
+    for length in (0, 2000, len(whole) - 3):
         path.write_bytes(whole[:length])
         with pytest.raises(InputError, match="cannot be read as a bag"):
             rosbag.read_bag(path, "/imu")
-
-
-def test_without_the_package_it_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
-    (tmp_path / "x.bag").touch()
-    with pytest.raises(InputError, match=r"pip install 'gyrocal\[ros\]'"):
-        rosbag.read_bag(tmp_path / "x.bag")

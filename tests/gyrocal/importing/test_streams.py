@@ -34,12 +34,12 @@ def test_rates_and_signs():
     found = made(gyro="y,-x,z:deg/s")
     np.testing.assert_allclose(np.rad2deg(found.raw), np.column_stack([gyro()["y"], -gyro()["x"], gyro()["z"]]), rtol=1e-14)
     assert found.sample_s == 0.5
+    np.testing.assert_allclose(made(gyro="y,-x,z:deg/sample").raw, 2 * found.raw, rtol=1e-14)
+    fixed_point = made(a=attitudes().assign(w=9830, a=-13107, s=0.5), sigma_deg="s").sensors[0]  # 0.6 and −0.8 times 2^14
+    np.testing.assert_allclose(fixed_point.q[0], [-0.8, 0, 0, 0.6], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(fixed_point.sigma), 0.5)
     assert found.time_scale == "seconds of the file"
-
-
-@pytest.mark.parametrize(("tag", "start"), [("start", 0.0), ("middle", -0.25), ("end", -0.5)])
-def test_a_tag_is_the_start_middle_or_end_of_a_sample(tag, start):
-    assert made(tag=tag).t_s[0] == start
+    assert [made(tag=tag).t_s[0] for tag in ("start", "middle", "end")] == [0.0, -0.25, -0.5]
 
 
 def test_an_accumulated_angle_that_wraps_is_a_rate():
@@ -66,50 +66,14 @@ def test_a_register_that_goes_on_through_a_gap_gives_no_sample_there():
     assert any("1 differences over gaps longer than 1.5 samples are left out" in text for text in found.assumed)
 
 
-def test_a_jump_that_is_no_wrap_is_refused():
-    table = gyro()
-    table.loc[10:, "x"] += 1e5
-    with pytest.raises(InputError, match="say where: --wrap"):
-        made(table, gyro="x,y,z:deg")
-
-
 def test_rows_of_several_gyros_and_sensors_in_one_table():
     g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate")
     a = pd.concat([attitudes().assign(name="A"), attitudes().assign(name="B", t=attitudes()["t"] + 0.01)])
     found = made(g, a, gyro="rate:deg/s", gyro_by="gyro", attitude_by="name")
     np.testing.assert_allclose(found.raw, made().raw)
     assert [one.name for one in found.sensors] == ["A", "B"]
+    assert [one.name for one in made(a=a, attitude_by="name", sensor="B").sensors] == ["B"]
     assert found.sensors[1].t_s[0] == 0.01
-
-
-def test_gyros_in_turn_are_told_by_any_column_and_label():
-    """Labels that are names of other columns, missing labels, and seconds of the day that start anew."""
-    g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate").set_axis(["1", "2", "3"], axis=1)
-    g["2"] = g["2"].map({"x": 1.0, "y": 2.0, "z": 3.0})
-    g["1"] = (g["1"] + 86395) % 86400
-    g = pd.concat([g, g.iloc[[-1]], g.iloc[[3]].assign(**{"2": np.nan})])
-    found = made(
-        g, attitudes().assign(t=attitudes()["t"] + 86395), time="1:s", attitude_time="t:s", gyro="-3:deg/s", gyro_by="2"
-    )
-    np.testing.assert_allclose(found.raw, -made().raw)
-    np.testing.assert_allclose(found.t_s, 86395 + 0.5 * np.arange(20))
-    said = " ".join(found.assumed)
-    assert "1 gyro row(s) without a gyro in 2 are left out" in said
-    assert "1 gyro row(s) of a time that another one of that gyro has are left out" in said
-
-
-def test_rows_without_numbers_and_rows_twice_are_left_out():
-    g, a = gyro(), attitudes()
-    g.loc[3, "y"] = np.nan
-    a.loc[[0, 4], "w"] = np.nan
-    g = pd.concat([g, g.iloc[[7]]])
-    found = made(g, a)
-    assert len(found.t_s) == 20  # the row without a number is filled between its neighbours
-    assert len(found.sensors[0].t_s) == 8
-    said = " ".join(found.assumed)
-    for kind, row in (("1 gyro", 3), ("2 attitude", 0)):
-        assert f"{kind} row(s) without numbers are left out, the first of them row {row}" in said
-    assert "1 of the gyro rows have a time tag far from those beside them: left out, the first row 7" in said
 
 
 def test_tags_of_a_register_go_on_where_it_wraps():
@@ -124,27 +88,13 @@ def test_tags_of_a_register_go_on_where_it_wraps():
     np.testing.assert_allclose(made(g, a, time="t:us").sensors[0].t_s, 2**32 / 1e6 - 3 + attitudes()["t"], atol=1e-9)
 
 
-@pytest.mark.parametrize("bits", [16, 24])
-def test_shorter_registers_go_on_where_they_wrap(bits):
-    t = np.arange(0, 3 * 2**bits, 2**bits // 100)
-    tags, said = continue_tags(t % 2**bits, "us")
-    np.testing.assert_array_equal(tags, t)
-    assert said == f"wrap 2 time(s) at 2^{bits} and go on"
-
-
 @pytest.mark.parametrize(("late", "words"), [(0.03, "are too early by"), (-0.03, "are too late by")])
-@pytest.mark.parametrize(("unit", "scale"), [("s", 1), ("us", 1e6), ("ns", 1e9), ("iso", 1)])
-@pytest.mark.parametrize("start", [0.0, 0.99])
-def test_seconds_that_are_counted_up_late_or_early_are_moved(late, words, unit, scale, start):
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1), ("ns", 1e9)])
+def test_seconds_that_are_counted_up_late_or_early_are_moved(late, words, unit, scale):
     """Whole seconds change 30 ms after, or before, the fraction of a second does."""
-    true = np.round(np.arange(start, start + 5.2, 0.01), 2)
+    true = np.round(np.arange(0.99, 6.2, 0.01), 2)
     tags = np.floor(np.round(true - late, 9)) + np.round(true % 1, 9)
-    if unit == "iso":
-        frame = pd.DataFrame({"t": pd.to_datetime(1e9 * (tags + 1e9))})
-        true = true + 1e9
-    else:
-        frame = pd.DataFrame({"t": np.round(scale * tags).astype("int64") if scale > 1 else tags})
-    clock = build_clock(frame, unit)
+    clock = build_clock(pd.DataFrame({"t": np.round(scale * tags).astype("int64") if scale > 1 else tags}), unit)
     np.testing.assert_allclose(clock.subtract(0), true, atol=1e-6)
     assert clock.said.startswith(words)
 
@@ -159,39 +109,26 @@ def make_swings(amplitude, seed=0, n=3000):
     return np.column_stack([x, 0.3 * x, 5 * np.cos(t)]) + np.random.default_rng(seed).normal(0.0, 0.1, (n, 3))
 
 
-@pytest.mark.parametrize(
-    ("unit", "lsb", "digits"), [("counts", 1.0, 9), ("deg/s", LSB, 9), ("deg/s", LSB, 3), ("deg/s", None, 9)]
-)
+@pytest.mark.parametrize(("lsb", "digits"), [(LSB, 3), (None, 9)])
 @pytest.mark.parametrize("amplitude", [2500.0, -3100.0])
-def test_rates_that_overflow_are_undone(unit, lsb, digits, amplitude):
+def test_rates_that_overflow_are_undone(lsb, digits, amplitude):
     true = make_swings(amplitude)
     if lsb:
         true = np.round(true / LSB) * LSB
     read = np.round((true + 2000) % 4000 - 2000, 12)
-    if unit == "counts":
-        read = np.round(read / LSB).astype(int)
     table = pd.DataFrame(np.round(read, digits), columns=["x", "y", "z"]).assign(t=np.arange(len(true)) / 100)
-    found = made(table, gyro=f"x,y,z:{unit}", **({"lsb": f"{LSB} deg/s"} if unit == "counts" else {}))
-    assert (np.abs(read / (1 if unit == "counts" else LSB) * LSB - true).max()) > 3000
+    found = made(table)
     np.testing.assert_allclose(np.rad2deg(found.raw), true, atol=2e-3 if lsb else 0.1)
     assert sum("readings of gyro 1 jump" in text for text in found.assumed) == 1
     assert any("full range of" in text and "(by the jumps)" in text for text in found.assumed) == (lsb is None)
-    stated = made(
-        table,
-        gyro=f"x,y,z:{unit}",
-        wrap=4000.0 if unit == "deg/s" else 65536.0,
-        **({"lsb": f"{LSB} deg/s"} if unit == "counts" else {}),
-    )
-    np.testing.assert_allclose(np.rad2deg(stated.raw), true, atol=2e-3)
+    np.testing.assert_allclose(np.rad2deg(made(table, wrap=4000.0).raw), true, atol=2e-3)
 
 
-@pytest.mark.parametrize("kind", ["noise", "shocks", "clipped", "step", "spikes"])
+@pytest.mark.parametrize("kind", ["shocks", "clipped", "step"])
 @pytest.mark.parametrize("lsb", [LSB, None])
 def test_rates_that_do_not_overflow_stay(kind, lsb):
     rng = np.random.default_rng(3)
     true = make_swings(1500.0)
-    if kind == "noise":
-        true = rng.normal(0.0, 3.0, true.shape)
     if kind == "shocks":
         true = rng.normal(0.0, 0.1, true.shape)
         for k in range(100, 2900, 250):
@@ -200,8 +137,6 @@ def test_rates_that_do_not_overflow_stay(kind, lsb):
         true = np.clip(make_swings(4000.0), -1999.9, 1999.9)
     if kind == "step":
         true = np.where(np.arange(len(true))[:, None] % 600 < 300, -900.0, 900.0) + rng.normal(0.0, 0.1, true.shape)
-    if kind == "spikes":
-        true[rng.integers(0, len(true), 12)] = -1999.0
     read = np.round(true / lsb) * lsb if lsb else true
     table = pd.DataFrame(read, columns=["x", "y", "z"]).assign(t=np.arange(len(true)) / 100)
     found = made(table)
@@ -213,9 +148,7 @@ def test_rates_that_do_not_overflow_stay(kind, lsb):
     "tags",
     [
         [0.1 * k for k in (*range(50), *range(50))],  # two logs
-        [0.1 * k for k in (*range(50), *range(60, 100), *range(50, 60))],  # a block in another place
         [0.1 * k for k in (*range(50), *range(40, 100))],  # a clock that is set back by 1 s
-        [0.1 * k for k in (*range(50), *range(60, 100), *range(90, 140))],  # a gap of 1 s, and a step back
         [0.1, 0.2, 0.4, 0.3, 0.5, 0.6],  # exchanged rows
     ],
 )
@@ -225,62 +158,31 @@ def test_other_steps_back_are_left_to_the_order_of_time(tags):
     assert said == ""
 
 
-def test_quaternions_of_fixed_point_numbers_are_divided_by_their_norm():
-    a = attitudes().assign(w=9830, a=-13107, s=0.5)  # 0.6 and −0.8 times 2^14
-    found = made(a=a, sigma_deg="s")
-    np.testing.assert_allclose(found.sensors[0].q[0], [-0.8, 0, 0, 0.6], atol=1e-4)
-    np.testing.assert_allclose(np.rad2deg(found.sensors[0].sigma), 0.5)
-    assert any("the quaternions are divided by their common norm, 1638" in text for text in found.assumed)
-    a["w"] = np.linspace(0, 9830, len(a))
-    with pytest.raises(InputError, match="row 0: the four do not have norm 1"):
+@pytest.mark.parametrize("digits", [2, 4, None])
+def test_attitudes_that_are_off_norm_by_more_than_rounding_are_left_out(digits):
+    """Interpolation through a change of the quaternion's sign passes through zero; rounding is judged by the decimals."""
+    values = Rotation.random(60, rng=np.random.default_rng(2)).as_quat(scalar_first=True)
+    values[[5, 6, 40]] *= np.array([[0.97], [0.2], [1.04]])
+    values = values if digits is None else np.round(values, digits)
+    a = pd.DataFrame(values, columns=list("wabc")).assign(t=0.1 * np.arange(60))
+    found = made(a=a)
+    np.testing.assert_array_equal(np.setdiff1d(np.arange(60), np.round(10 * found.sensors[0].t_s)), [5, 6, 40])
+    assert "3 attitude row(s) are not of norm 1 within" in found.assumed[0]
+    a.loc[:20, list("wabc")] *= 0.5
+    with pytest.raises(InputError, match="do not have norm 1"):
         made(a=a)
 
 
-@pytest.mark.parametrize("digits", [2, 4, 9, None])
-@pytest.mark.parametrize("kind", ["quat", "matrix"])
-def test_attitudes_that_are_off_norm_by_more_than_rounding_are_left_out(kind, digits):
-    """Interpolation through a change of the quaternion's sign passes through zero; rounding is judged by the decimals."""
-    q = Rotation.random(60, rng=np.random.default_rng(2))
-    values = q.as_quat(scalar_first=True) if kind == "quat" else q.as_matrix().reshape(-1, 9)
-    values[[5, 6, 40]] *= np.array([[0.97], [0.2], [1.04]])
-    values = values if digits is None else np.round(values, digits)
-    names = list("wabc") if kind == "quat" else [f"m{k}" for k in range(9)]
-    a = pd.DataFrame(values, columns=names).assign(t=0.1 * np.arange(60))
-    text = "w,a,b,c:scalar-first:body-to-world" if kind == "quat" else f"{','.join(names)}:body-to-world"
-    mapping = validate_mapping({"time": "t:s", "gyro": "x,y,z:deg/s", kind: text}, "x")
-    found = read_streams(gyro(), a, mapping)
-    np.testing.assert_array_equal(np.setdiff1d(np.arange(60), np.round(10 * found.sensors[0].t_s)), [5, 6, 40])
-    assert "3 attitude row(s) are not of norm 1 within" in found.assumed[0]
-    a.loc[:20, names] *= 0.5
-    with pytest.raises(InputError, match=r"do not have norm 1|not a rotation matrix"):
-        read_streams(gyro(), a, mapping)
-
-
-def test_a_smoothed_quaternion_is_taken_as_it_is():
-    q = Rotation.random(60, rng=np.random.default_rng(2)).as_quat(scalar_first=True)
-    q *= 1 + 1e-4 * np.random.default_rng(1).normal(size=(60, 1))
-    a = pd.DataFrame(q, columns=list("wabc")).assign(t=0.1 * np.arange(60))
-    assert made(a=a).sensors[0].t_s.size == 60
-
-
-@pytest.mark.parametrize("what", ["gyro", "attitude"])
-def test_a_log_that_starts_anew_is_refused_and_the_remedy_that_is_printed_works(tmp_path, monkeypatch, what):
+def test_a_log_that_starts_anew_is_refused_and_the_remedy_that_is_printed_works(tmp_path, monkeypatch):
     """Rows of two logs would be mixed by the order of their times."""
     monkeypatch.chdir(tmp_path)
-    g, a = gyro(40), attitudes(20)
-    if what == "gyro":
-        g = pd.concat([g, g.iloc[:30]])
-    else:
-        a = pd.concat([a, a.iloc[3:]])
-    for name, table in (("g", g), ("a", a)):
-        Path(f"{name}.csv").write_text("log of a test\n" + table.to_csv(index=False))
-    frames = {name: read_csv(Path(f"{name}.csv")) for name in "ga"}
+    g = pd.concat([gyro(40), gyro(30)])
+    Path("g.csv").write_text("log of a test\n" + g.to_csv(index=False))
     with pytest.raises(InputError, match="which is no wrap; if another log starts there") as caught:
-        made(frames["g"], frames["a"])
+        made(read_csv(Path("g.csv")), attitudes(20))
     command = re.search(r"head -n .*\.csv", str(caught.value))[0]
     subprocess.run(command, shell=True, check=True)
-    found = made(**{**frames, what[0]: read_csv(Path("part.csv"))})
-    assert (found.t_s.size, found.sensors[0].t_s.size) == (40, 20)
+    assert made(read_csv(Path("part.csv")), attitudes(20)).t_s.size == 40
 
 
 def test_stray_tags_are_left_out_exchanged_rows_are_put_in_order_and_a_reversed_table_is_turned():
@@ -295,19 +197,3 @@ def test_stray_tags_are_left_out_exchanged_rows_are_put_in_order_and_a_reversed_
     turned = made(gyro().iloc[::-1])
     np.testing.assert_array_equal(turned.raw, made().raw)
     assert any("in the reverse order of time" in text for text in turned.assumed)
-
-
-def test_gps_and_unix_time_meet():
-    g, a = gyro(), attitudes()
-    g["t"] += 1_281_614_528.0  # 2020-08-16T12:02:08 GPS
-    a["t"] += 1_597_579_310.0  # the same in unix time
-    found = made(g, a, time="t:gps", attitude_time="t:unix")
-    assert found.epoch == "2020-08-16T12:01:50Z"
-    assert found.sensors[0].t_s[0] == found.t_s[0] == 0.0
-
-
-def test_one_table_dated_and_the_other_not():
-    a = attitudes()
-    a["t"] = a["t"] * 1000 + 1_700_000_000_000
-    with pytest.raises(InputError, match="attitude_time: the first tag"):
-        made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -45,10 +46,6 @@ def accumulate(gyro, attitude, wrap):
     return gyro.assign(**dict(zip(RATES, (angle % wrap).T, strict=True))), attitude
 
 
-def count_days(gyro, attitude, first):
-    return (table.assign(t=first + table.t / 86400) for table in (gyro, attitude))
-
-
 def replace_unit(match):
     return {"--gyro": f"gx,gy,gz:{match[1]}"}
 
@@ -70,24 +67,16 @@ SKEW = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1]]) / np.sqrt(3)
 CASES = {
     # The fault, options as first typed, the words of the refusal, and how they are typed.
     "unit": (scale_rates, 1.0, {"--gyro": "gx,gy,gz:rad/s"}, r"the gyro in (\S+), not rad/s", replace_unit),
-    "time unit": (scale_rates, 1.0, {"--time": "t:ms"}, r"times in (\S+), not ms", lambda match: {"--time": f"t:{match[1]}"}),
-    "days": (count_days, 45244.9, {}, r"times in (\S+), which are days", lambda match: {"--time": f"t:{match[1]}"}),
     "order and signs": (turn_axes, np.diag([1, -1, 1])[[1, 0, 2]], {}, r"the gyro's axes as (\S+)", replace_axes),
     "mounting": (turn_axes, TURN, {}, r"(--mounting estimate)", take_options),
     "skew": (turn_axes, SKEW, {}, r"(--axes) '([^']+)'", lambda match: {match[1]: match[2]}),
     "direction": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:inertial-to-body"}, r"\((body-to-inertial)\)",
                   lambda match: {"--quat": f"qw,qx,qy,qz:{match[1]}"}),
     "factor": (scale_rates, 0.7, {}, r"the rates times (\S+) \((--rate-factor)\)", take_factor),
-    "factor by itself": (scale_rates, 0.7, {}, r"(--align auto)", take_options),
     "late": (shift_attitudes, 3.7, {}, r"(--align auto)", take_options),
-    "local time": (shift_attitudes, 7200.0, {}, r"(--align auto)", take_options),
-    "quaternion order": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:scalar-last:body-to-inertial"}, r"\((scalar-first)\)",
-                         lambda match: {"--quat": f"qw,qx,qy,qz:{match[1]}:body-to-inertial"}),
     "dated": (shift_attitudes, 1.7e9, {}, r"(--attitude-offset \S+);", take_options),
     "clock": (stretch_gyro_clock, 1.02, {}, r"time tags times (\S+) \((--time-factor)\)", take_factor),
     "tags alike": (lose_digits, 1e3, {}, r"(--rate) HZ", lambda match: {match[1]: "100"}),
-    "tags of a register": (lose_digits, 1e3, {"--rate": "100", "--gyro": "gx,gy,gz:counts"}, r"(--lsb) '\S+ deg/s'",
-                           lambda match: {match[1]: "1 deg/s"}),
     "wrap": (accumulate, 77.0, {"--gyro": "gx,gy,gz:deg"}, r"jumps by \S+; .* (--wrap \S+)", take_options),
 }  # fmt: skip
 
@@ -124,55 +113,6 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     assert np.abs(found - true).max() < 0.3
 
 
-def write_twice(path, table):
-    """A table in two parts that were joined with their headers."""
-    parts = [part.to_csv(index=False) for part in (table[: len(table) // 2], table[len(table) // 2 :])]
-    path.write_text("".join(parts))
-
-
-@pytest.mark.parametrize("kind", ["header twice", "missing block"])
-def test_a_fault_that_is_seen_is_mended_and_said(run_cli, log, tmp_path, kind):
-    gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
-    if kind == "missing block":
-        gyro = gyro[(gyro.t < 15) | (gyro.t > 19.2)]
-    build_words = write_tables(tmp_path, gyro, attitude)
-    if kind == "header twice":
-        write_twice(tmp_path / "g.csv", gyro)
-    done = run_cli("import", "csv", *build_words(WORDS))
-    assert done.exit_code == 0, done.stderr
-    said = {
-        "header twice": r"1 row\(s\) repeat the header",
-        "missing block": r"1 gap\(s\) of the gyro longer than 1\.5 samples",
-    }
-    assert re.search(said[kind], " ".join(done.stdout.split()))
-    assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
-
-
-@pytest.mark.parametrize("kind", ["one axis", "second half", "cells"])
-def test_a_unit_that_is_not_of_the_whole_table_is_named_with_its_place(run_cli, log, tmp_path, kind):
-    gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
-    match kind:
-        case "one axis":
-            spoilt, said = gyro.assign(gz=np.deg2rad(gyro.gz)), "the rates times 57.296 about z alone"
-        case "second half":
-            spoilt = gyro.assign(**{name: gyro[name].where(gyro.t < 20, np.deg2rad(gyro[name])) for name in RATES})
-            said = r"times (1|1\.0\d*|0\.9\d*) before (19\.[3-9]|20\.[0-6])\d* s and times 5[6-8]\.\d* after it"
-        case _:
-            spoilt, said = gyro.assign(gx=gyro.gx.map("{} deg/s".format)), "column gx holds '.* deg/s' in row 0, not numbers"
-    refused = run_cli("import", "csv", *write_tables(tmp_path, spoilt, attitude)(WORDS))
-    assert refused.exit_code == 2
-    assert re.search(said, refused.stderr), refused.stderr
-
-
-def test_a_wrong_grade_is_said_by_calibrate_and_goes_where_it_is_not_stated(run_cli, log, tmp_path):
-    build_words = write_tables(tmp_path, count_seconds(log.gyro, log), count_seconds(log.attitude, log))
-    for options, fits in (({"--sigma": "0.002"}, False), ({}, True)):
-        assert run_cli("import", "csv", *build_words(WORDS | options), "--force").exit_code == 0
-        text = " ".join(run_cli("calibrate", str(tmp_path / "out")).stdout.split())
-        assert ("larger than the stated noise" not in text) == fits
-        assert ("Suspect sigmas" not in text) == fits
-
-
 def test_smooth_references_are_refused_until_their_sigma_is_stated(run_cli, log, tmp_path):
     rates = np.deg2rad(log.gyro[RATES].to_numpy()) @ log.G.T + log.bias
     bodies = Rotation.from_matrix(mems_log._integrate_attitudes(rates, np.eye(3))[:: mems_log.SAMPLES_PER_ATTITUDE])
@@ -192,3 +132,29 @@ def test_references_far_apart_give_the_bias_that_those_near_each_other_give(run_
     done = run_cli("import", "csv", *build_words(WORDS | {"--sigma": str(mems_log.REFERENCE_SIGMA_DEG)}))
     assert done.exit_code == 0, done.stderr
     assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
+
+
+def turn_steadily(K, rate_deg_s, sigma_deg):
+    """Tables of a body at a constant rate: gyros along the rows of K, and attitudes."""
+    rng, t = np.random.default_rng(4), np.arange(0, 60, 0.25)
+    errors = np.deg2rad(sigma_deg) * rng.normal(size=(t.size, 3))
+    body = Rotation.from_rotvec(np.deg2rad(t[:, None] * rate_deg_s)) * Rotation.from_rotvec(errors)
+    rates = rate_deg_s @ K.T + 1e-5 * rng.normal(size=(t.size, 3))
+    quaternions = dict(zip(("qx", "qy", "qz", "qw"), body.as_quat().T, strict=True))
+    return pd.DataFrame({"t": t} | dict(zip(RATES, rates.T, strict=True))), pd.DataFrame({"t": t} | quaternions)
+
+
+def test_skew_gyros_at_a_constant_rate_are_said_by_import_and_calibration(run_cli, tmp_path):
+    rate = np.array([0.06, -0.02, 0.01])
+    words = ("import", "csv", *write_tables(tmp_path, *turn_steadily(SKEW, rate, 0.0005))(WORDS), "--force")
+    taken = run_cli(*words)
+    assert taken.exit_code == 0, taken.output
+    said = re.search(r"implausible: (the mean rate is .*)", taken.output).group(1)
+    by_gyro, by_attitudes = (float(one) for one in re.findall(r"([\d.]+) (?:± [\d.e-]+ )?deg/s by the", said))
+    assert by_gyro == pytest.approx(np.linalg.norm(SKEW @ rate), rel=1e-3)
+    assert by_attitudes == pytest.approx(np.linalg.norm(rate), rel=0.02)
+    assert said in run_cli("calibrate", str(tmp_path / "out")).output
+    mended = run_cli(*words, "--axes", ";".join(",".join(map(str, row)) for row in SKEW))
+    assert mended.exit_code == 0, mended.output
+    assert "implausible" not in mended.output
+    assert np.abs(np.rad2deg(gyrocal.load(tmp_path / "out").gyro.apriori_bias)).max() < 1e-3

@@ -12,22 +12,9 @@ def tags(values, unit):
     return units.build_clock(pd.DataFrame({"t": values}), unit)
 
 
-def test_milliseconds_of_unix_time_are_exact():
-    clock = tags(np.array([1_700_000_000_123, 1_700_000_000_133]), "ms")
-    assert clock.scale == "UTC"
-    assert clock.whole.tolist() == [1_700_000_000] * 2
-    np.testing.assert_allclose(clock.part, [0.123, 0.133], rtol=0, atol=1e-15)
-    assert units.convert_to_date(1_700_000_000, "UTC").isoformat() == "2023-11-14T22:13:20+00:00"
-
-
 def test_nanoseconds_keep_what_a_float_would_lose():
     clock = tags(np.array([1_700_000_000_000_000_001, 1_700_000_000_000_000_002]), "ns")
     np.testing.assert_allclose(clock.part, [1e-9, 2e-9], rtol=0, atol=1e-18)
-
-
-def test_seconds_from_an_unknown_start_have_no_date():
-    assert tags(np.array([0.0, 0.5]), "s").scale == ""
-    assert tags(np.array([-1.25, 0.5]), "s").subtract(-2).tolist() == [0.75, 2.5]
 
 
 def test_iso_dates_with_and_without_a_zone():
@@ -69,9 +56,7 @@ def test_gyro_units(unit, lsb, factor, accumulated):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: units.compute_gyro_factor("furlong", None), "is not known"),
         (lambda: units.compute_gyro_factor("deg/s", "1 rad"), "goes with counts"),
-        (lambda: tags([1.0, np.nan], "s"), "row 1: not a finite number"),
         (lambda: tags(["2020-01-01"], "s"), "not numbers; dates are iso"),
         (lambda: units.expect_date(tags([1_700_000_000_123], "s"), "time"), "unix time if its unit is 1000 times finer"),
     ],
@@ -85,69 +70,38 @@ def test_times_of_day_go_on_after_midnight():
     found = tags(["23:59:59.5", "23:59:59.75", "0:00:00.0", "00:00:00.25"], "iso")
     np.testing.assert_allclose(found.subtract(86399), [0.5, 0.75, 1.0, 1.25])
     assert found.scale == ""
-    with pytest.raises(InputError, match="is not ISO 8601") as caught:
-        tags(["12:00", "12:01"], "iso")
-    assert "You might" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "unit"),
+    ("first", "second", "unit", "sizes_ns", "scale"),
     [
-        ([1_700_000_000, 1_700_000_001], [999_999_999, 7], "s+ns"),
-        ([1_700_000_000, 1_700_000_001], [999_999_999, 7], "s"),
-        ([2287 * 604800 - 1, 2287 * 604800], [999_999, 0], "gps+us"),
-        ([2286, 2287], [604799.5, 0.25], "gps"),
-        ([17, 18], [999_999, 0], "100us+us"),
+        ([1_700_000_000, 1_700_000_001], [999_999_999, 7], "s+ns", (10**9, 1), "UTC"),
+        ([1_700_000_000, 1_700_000_001], [999_999_999, 7], "s", (10**9, 1), "UTC"),
+        ([2286, 2287], [604799.5, 0.25], "gps", (604800 * 10**9, 10**9), "GPS"),
+        ([17, 18], [999_999, 0], "100us+us", (10**5, 1000), ""),
     ],
 )
-def test_columns_of_time_are_added(first, second, unit):
+def test_columns_of_time_are_added(first, second, unit, sizes_ns, scale):
     clock = units.build_clock(pd.DataFrame({"a": first, "b": second}), unit)
-    sizes = {
-        "s+ns": (10**9, 1),
-        "s": (10**9, 1),
-        "gps+us": (10**9, 1000),
-        "gps": (604800 * 10**9, 10**9),
-        "100us+us": (10**5, 1000),
-    }
-    true = [a * sizes[unit][0] + int(b * sizes[unit][1]) for a, b in zip(first, second, strict=True)]
+    true = [a * sizes_ns[0] + int(b * sizes_ns[1]) for a, b in zip(first, second, strict=True)]
     np.testing.assert_array_equal(clock.whole * 10**9 + np.round(clock.part * 1e9).astype(int), true)
-    assert clock.scale == {"s": "UTC", "g": "GPS", "1": ""}[unit[0]]
-    assert bool(clock.said) == (unit == "s")
+    assert clock.scale == scale
 
 
-def test_columns_of_time_whose_unit_is_not_seen_are_refused_and_the_remedy_works():
-    table = pd.DataFrame({"a b": [5, 6], "c": [0, 3]})
-    with pytest.raises(InputError, match=r"--time 'a b,c:s\+ns'"):
-        units.build_clock(table, "s")
-    assert units.build_clock(table, "s+ns").part.tolist() == [0.0, 3e-9]
-    for unit in ("s+ns+ns", "iso+s", "s+fortnights"):
-        with pytest.raises(InputError, match=r"one for each|is not known"):
-            units.build_clock(table, unit)
-    with pytest.raises(InputError, match="not one column of dates and one of times of day"):
-        units.build_clock(table, "iso")
-
-
-@pytest.mark.parametrize("order", [["date", "time"], ["time", "date"]])
-def test_date_and_time_of_day_are_joined(order):
+def test_date_and_time_of_day_are_joined():
     table = pd.DataFrame({"date": ["2024-02-29", "2024-03-01"], "time": ["23:59:59.5", "0:00:00,25"]})
-    clock = units.build_clock(table[order], "iso")
+    clock = units.build_clock(table, "iso")
     np.testing.assert_allclose(clock.subtract(int(clock.whole[0])), [0.5, 1.25])
     assert units.convert_to_date(int(clock.whole[0]), "UTC").isoformat() == "2024-02-29T23:59:59+00:00"
 
 
 @pytest.mark.parametrize("range_s", [86400, 604800])
-@pytest.mark.parametrize(("unit", "size"), [("s", 1.0), ("ms", 1e3), ("gps", 1.0), ("100us", 1e4)])
-@pytest.mark.parametrize("swapped", [False, True])
-def test_seconds_of_a_day_or_week_go_on_where_they_start_anew(range_s, unit, size, swapped):
+@pytest.mark.parametrize(("unit", "size"), [("s", 1.0), ("100us", 1e4)])
+def test_seconds_of_a_day_or_week_go_on_where_they_start_anew(range_s, unit, size):
     true = np.round(range_s - 1 + 0.05 * np.arange(60), 9)
     rows = np.arange(60)
-    if swapped:  # neighbours at the wrap itself, as some networks exchange them
-        rows[[19, 20]] = rows[[20, 19]]
+    rows[[19, 20]] = rows[[20, 19]]  # neighbours at the wrap itself, as some networks exchange them
     values = np.round(size * (true[rows] % range_s), 6)
-    clock = tags(values.astype("int64") if unit in ("ms", "100us") else values, unit)
+    clock = tags(values.astype("int64") if unit == "100us" else values, unit)
     np.testing.assert_allclose(clock.subtract(0), true[rows], atol=1e-6)
     assert f"at {range_s} s and go on" in clock.said
-
-
-def test_multiple_of_a_unit():
-    np.testing.assert_allclose(tags([0, 200, 10_000], "100us").subtract(0), [0.0, 0.02, 1.0])

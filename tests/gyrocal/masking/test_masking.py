@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator
-from diagnosis.diagnose import diagnose, list_clipped_gyros
+from diagnosis.diagnose import list_clipped_gyros
 from diagnosis.settings import DEFAULT
 from gyrocal.masking import DataMask, MaskedStretch, find_mask
 from gyrocal.masking.gyro_faults import is_reached
@@ -48,10 +48,6 @@ def swing(*, clip=None, jump=0.0, flip=0.0, still=False, noise_deg=0.02, seed=0)
     return Recording.from_arrays(t, raw, t, apply_rotation_errors(attitudes, errors), sigma=np.deg2rad(noise_deg), arw=1e-4)
 
 
-def list_found(recording):
-    return [(one.what, one.axis) for one in find_mask(recording).stretches]
-
-
 @pytest.mark.parametrize(
     ("scenario", "text", "what", "axis", "size", "span"),
     [
@@ -67,9 +63,8 @@ def test_a_stop_and_a_freeze_are_found_with_level_and_times(scenario, text, what
     assert (found.from_s, found.to_s) == pytest.approx(span, abs=0.6)
 
 
-@pytest.mark.parametrize("scenario", ["trmm", "ends"])
-def test_a_clipped_gyro_is_found_on_both_sides_of_its_range(scenario):
-    recording = made(scenario, "rate_saturation:z=0.1")
+def test_a_clipped_gyro_is_found_on_both_sides_of_its_range():
+    recording = made("trmm", "rate_saturation:z=0.1")
     found = find_mask(recording)
     assert {(one.what, one.axis) for one in found.stretches} == {("clipped", "z")}
     assert {round(one.size, 9) for one in found.stretches} == {0.1, -0.1}
@@ -83,15 +78,6 @@ def test_clipped_readings_with_noise_are_found_by_the_references():
     found = find_mask(swing(clip=80.0))
     assert {(one.what, one.axis) for one in found.stretches} == {("clipped", "x")}
     assert np.abs([one.size for one in found.stretches]) == pytest.approx(80.0, abs=0.5)
-
-
-def test_a_calibration_from_the_rest_finds_the_truth_that_the_clipped_readings_hide():
-    recording = swing(clip=80.0)
-    thinned = recording.attitudes.select_rows(slice(None, None, 7))
-    few = replace(recording, attitudes=thinned, intervals=(replace(recording.intervals[0], stop_s=float(thinned.t_s[-1])),))
-    with_all, rest = gyrocal.calibrate(few), gyrocal.calibrate(find_mask(recording).apply(few))
-    assert abs(with_all.parameters.G[0, 0] - 1) > 0.01
-    assert np.abs(rest.parameters.G - np.eye(3)).max() < 5 * np.sqrt(np.diag(rest.covariance)[:9].max())
 
 
 def test_jumps_of_the_references_are_found_with_time_axis_and_size():
@@ -115,16 +101,11 @@ def test_single_false_references_are_found_where_references_are_sparse():
     ("scenario", "text"),
     [
         ("agile", "reference_jump=0.5,begin_s=500,end_s=520"),
-        ("agile", "reference_correlated:x=0.2,time_constant_s=20"),
         ("agile", "reference_noise_excess=5"),
         ("agile", "stale_samples=8,fraction=0.1"),
         ("agile", "rate_quantization=0.2"),
-        ("agile", "spikes:x=5,fraction=0.001"),
-        ("agile", "time_offset=0.3"),
         ("trmm", "bias_step:y=2000,time_s=1500"),
         ("trmm", "rate_deadzone:z=0.01"),
-        ("trmm", "stale_samples=100,fraction=0.1"),
-        ("trmm", "noise_excess=5"),
         ("ends", "rate_lag=5"),
     ],
 )
@@ -134,24 +115,9 @@ def test_other_effects_are_left_to_the_diagnosis(scenario, text):
 
 def test_a_clean_recording_has_an_empty_mask():
     """Of several grades and rates, moving and at rest."""
-    clean = [made(name, seed=seed) for name in SCENARIOS for seed in range(12)]
-    clean += [swing(still=seed % 2 == 1, noise_deg=10.0 ** -(seed % 3 + 1), seed=seed) for seed in range(18)]
+    clean = [made(name, seed=seed) for name in SCENARIOS for seed in range(4)]
+    clean += [swing(still=seed % 2 == 1, noise_deg=10.0 ** -(seed % 3 + 1), seed=seed) for seed in range(6)]
     assert not any(find_mask(one) for one in clean)
-
-
-def test_a_late_frame_is_no_jump():
-    """A reference one frame late, and one that is off along the turn by less than a frame."""
-    recording = swing()
-    q = recording.attitudes.quaternions.copy()
-    q[3000] = q[2999]
-    assert not find_mask(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)))
-
-
-def test_a_jump_of_the_gyro_itself_is_no_jump_of_the_references():
-    recording = swing()
-    rates = recording.gyro.rates.copy()
-    rates[3000, 1] += np.deg2rad(400.0)
-    assert not find_mask(replace(recording, gyro=replace(recording.gyro, rates=rates)))
 
 
 @pytest.mark.parametrize(("level", "reached"), [(60.0, True), (90.0, False)])
@@ -160,29 +126,13 @@ def test_a_gyro_that_jumps_to_its_largest_reading_is_not_clipped(level, reached)
     assert is_reached(np.where(x > 60.0, level, x), x > 60.0, 1.0) == reached
 
 
-def test_a_repeated_largest_reading_is_not_clipped():
-    """It stands still on all axes; where the others go on and the rate runs up to it, it is."""
-    recording = made("trmm")
-    rates = recording.gyro.rates.copy()
-    top = int(np.argmax(rates[:, 1]))
-    rates[top - 5 : top, 1] = rates[top, 1] * np.linspace(0.5, 0.99, 5)
-    rates[top + 9 : top + 14, 1] = rates[top, 1] * np.linspace(0.99, 0.5, 5)
-    rates[top : top + 9] = rates[top]
-    repeated = replace(recording, gyro=replace(recording.gyro, rates=rates.copy()))
-    assert "clipped" not in {what for what, _ in list_found(repeated)}
-    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)
-    assert ("clipped", "y") in list_found(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-
-
-def test_floats_with_few_digits_and_a_lattice_are_not_clipped():
-    """A short mantissa rounds fast rates coarsely, and a steady rate stays on a point of a coarse lattice."""
-    recording = made("trmm")
-    rates = recording.gyro.rates
-    exponent = np.floor(np.log2(np.maximum(np.abs(rates), 1e-30)))
-    step = 2.0 ** (exponent - 9)
-    short = np.round(rates / step) * step
-    for coarse in (short, np.round(rates / 1e-5) * 1e-5, np.round(rates / 1e-3) * 1e-3):
-        assert not find_mask(replace(recording, gyro=replace(recording.gyro, rates=coarse)))
+def test_a_late_frame_and_a_jump_of_the_gyro_are_no_jumps_of_the_references():
+    recording = swing()
+    q, rates = recording.attitudes.quaternions.copy(), recording.gyro.rates.copy()
+    q[3000] = q[2999]
+    assert not find_mask(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)))
+    rates[3000, 1] += np.deg2rad(400.0)
+    assert not find_mask(replace(recording, gyro=replace(recording.gyro, rates=rates)))
 
 
 def test_stretches_left_out_by_hand_cut_the_intervals_and_are_kept_in_a_recording(tmp_path):
@@ -201,14 +151,6 @@ def test_a_recording_of_which_nothing_is_left_is_refused():
     recording = swing()
     with pytest.raises(gyrocal.InputError, match=r"no two references .* excluded by hand, from 0\.00 to 60\.00 s"):
         DataMask((MaskedStretch("excluded", None, 0.0, 60.0),)).apply(recording)
-
-
-def test_a_diagnosis_lists_what_is_left_out_and_judges_the_rest_well():
-    """A stop, a freeze and false references are no causes."""
-    texts = ["gyro_stop=0,begin_s=500,end_s=520", "reference_freeze=30,begin_s=800", "reference_glitch=3,fraction=0.02"]
-    answer = diagnose(made("agile", *texts))
-    assert answer.verdict == "none"
-    assert {one["what"] for one in answer.to_json()["masked"]} == {"stopped", "frozen", "reference jump"}
 
 
 def test_a_clipped_gyro_is_a_cause_with_its_level():

@@ -62,16 +62,6 @@ def test_a_quaternion_written_with_seven_digits_is_one_and_with_five_is_none(by_
         gyrocal.load(by_hand)
 
 
-def test_what_is_written(by_hand, tmp_path):
-    gyrocal.save(gyrocal.load(by_hand), tmp_path / "again")
-    for name in ("gyro", "attitude"):
-        written, own = pd.read_parquet(tmp_path / "again" / f"{name}.parquet"), pd.read_csv(by_hand / f"{name}.csv")
-        assert list(written) == list(own)
-        np.testing.assert_allclose(written, own, rtol=1e-14)
-    text = (tmp_path / "again" / "recording.toml").read_text()
-    assert "apriori_G = [[1.0, 0.2, 0.0]," in text
-
-
 def test_penetration_angles_are_in_degrees():
     columns = {f"penetration_{i}_deg": [45.0] for i in range(1, 5)} | {f"used_{i}": [True] for i in range(1, 5)}
     tables = sensor_tables.read({"earth_sensor": pd.DataFrame({"t_s": [0.0], **columns})})

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -52,23 +51,6 @@ def test_a_wrong_column_under_a_right_checksum_is_seen(tmp_path):
     assert list(parquet.read(path)["rate"]) == [1.0, 2.0]
 
 
-def test_tables_of_every_kind_come_back(tmp_path):
-    frame = pd.DataFrame(
-        {
-            "t_s": [1.0, np.nan, 3.0],
-            "text": ["x", "ψ", None],
-            "flag": [True, False, True],
-            "count": pd.array([1, None, 3], dtype="Int64"),
-            "day": pd.to_datetime(["2020-01-01", None, "2021-01-01"]),
-            "kind": pd.Categorical(["u", "v", "u"]),
-        }
-    )
-    for table in (frame, frame.iloc[:0].drop(columns="kind")):
-        with (tmp_path / "a.parquet").open("wb") as file:
-            parquet.write(table, file)
-        pd.testing.assert_frame_equal(parquet.read(tmp_path / "a.parquet"), table)
-
-
 @pytest.mark.parametrize("failing", [1, 2])
 def test_a_recording_that_cannot_be_replaced_stays(tmp_path, monkeypatch, failing):
     save(recording(1), tmp_path)
@@ -103,25 +85,3 @@ def test_a_recording_that_stopped_halfway_is_none(tmp_path, monkeypatch):
         save(recording(2), tmp_path)
     with pytest.raises(InputError, match=r"recording\.toml: no such file"):
         load(tmp_path)
-
-
-def test_writers_and_readers_at_once_see_one_recording_whole(tmp_path):
-    originals = {f"seed {seed}": recording(seed) for seed in range(6)}
-    save(originals["seed 0"], tmp_path)
-    faults = []
-
-    def write(title):
-        try:
-            save(originals[title], tmp_path)
-            found = load(tmp_path)
-            np.testing.assert_allclose(found.gyro.rates, originals[found.title].gyro.rates, rtol=1e-14)
-        except BaseException as fault:
-            faults.append(fault)
-
-    threads = [threading.Thread(target=write, args=(title,)) for title in originals]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert faults == []
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["attitude.parquet", "gyro.parquet", "recording.toml"]

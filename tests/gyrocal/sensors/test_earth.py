@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gyrocal.errors import InputError
 from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
-from gyrocal.sensors.series import SensorModel
 from simulator.sensors.earth import (
     CORRECT,
     HELD,
@@ -18,9 +16,7 @@ from simulator.sensors.earth import (
     compute_roll_pitch,
     filter_s,
     is_sun_intruding,
-    measure,
     observe,
-    sum_limb_signals,
 )
 from simulator.sensors.horizon import AZIMUTHS, Horizon, compute_orbit_position
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
@@ -66,16 +62,11 @@ def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, n
     return t, angles, used
 
 
-# --- expected angles ---
-
-
 def test_both_packages_see_the_same_horizon():
     A, position = attitudes(50, 0.1)
     model = EarthModel(EarthSensor(np.zeros(4)), position)
     truth = compute_penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(model.predict(A, np.arange(50)), truth, rtol=0, atol=1e-12)
-    assert np.abs(truth).max() > 0.05
-    np.testing.assert_allclose(model.predict(A[7:9], np.array([7, 8])), truth[7:9], rtol=0, atol=1e-12)
 
 
 def test_jacobian_is_the_finite_difference():
@@ -90,69 +81,12 @@ def test_jacobian_is_the_finite_difference():
         np.testing.assert_allclose(jacobian[..., axis], difference, rtol=0, atol=1e-10)
 
 
-def test_partials_and_correction():
-    A, position = attitudes(5, 0.05)
-    rows, change = np.arange(5), np.array([1e-3, -2e-3, 3e-3, -4e-3])
-    model: SensorModel = EarthModel(EarthSensor(TRMM_BIASES), position)
-    assert model.size == 4
-    assert len(model.parameters) == 4
-    moved = model.corrected(change).predict(A, rows) - model.predict(A, rows)
-    np.testing.assert_allclose(moved, model.partials(A, rows) @ change, atol=1e-15)
-
-
-def test_wrong_input():
-    with pytest.raises(InputError, match="four finite"):
-        EarthSensor(np.zeros(3))
-    with pytest.raises(InputError, match="sigma must be positive"):
-        EarthSensor(np.zeros(4), sigma=0.0)
-    with pytest.raises(ValueError, match="s_filter must be one of"):
-        TrueEarthSensor(s_filter="wrong")
-    with pytest.raises(ValueError, match="must be positive"):
-        TrueEarthSensor(s_time_constant=0.0)
-
-
-# --- biases ---
-
-
-def test_which_biases_look_like_what():
-    """Roll and pitch biases are a misalignment, a common one a height; the alternating one is none of these."""
-    A, position = attitudes(20, 0.0)
-    rows, size = np.arange(20), np.deg2rad(0.05)
-    plain = EarthModel(EarthSensor(np.zeros(4)), position)
-    y, H = plain.predict(A, rows), plain.jacobian(A, rows)
-    higher = EarthModel(EarthSensor(np.zeros(4)), position * (ORBIT.radius + 1e3) / ORBIT.radius).predict(A, rows) - y
-    layer = EarthModel(EarthSensor(np.zeros(4), co2_height=41e3), position)
-    layer = layer.predict(A, rows) + layer.sensor.nominal - y - plain.sensor.nominal
-    np.testing.assert_allclose(np.rad2deg(higher), -0.027, atol=5e-4)
-    np.testing.assert_allclose(np.rad2deg(layer), 0.028, atol=5e-4)
-    looks = np.concatenate([H[..., :2], higher[..., None] / 5e-4], axis=-1)
-    left = []
-    for mode in PATTERN.T:
-        biased = plain.corrected(size * mode).predict(A, rows) - y
-        fit = np.linalg.pinv(looks) @ biased[..., None]
-        left.append(np.sqrt(((biased - (looks @ fit)[..., 0]) ** 2).sum(axis=1)) / np.sqrt((biased**2).sum(axis=1)))
-    assert np.max(left[:3]) < 0.01  # as far as the oblate Earth is a sphere
-    assert np.min(left[3]) > 0.99
-    roll, pitch = size * PATTERN.T[:2]
-    for axis, biases in enumerate((roll, pitch)):
-        theta = np.zeros((20, 3))
-        theta[:, axis] = size
-        np.testing.assert_allclose(plain.predict(turned(A, theta), rows) - y, np.tile(biases, (20, 1)), atol=0.012 * size)
-
-
-@pytest.mark.parametrize(
-    ("order", "roll_deg", "pitch_deg"),
-    [(("NE", "NW", "SE", "SW"), -0.0130, 0.0863), (("NE", "SE", "SW", "NW"), 0.0578, -0.0130)],
-)
-def test_trmm_biases_as_misalignment(order, roll_deg, pitch_deg):
-    printed = dict(zip(order, TRMM_BIASES, strict=True))
+def test_trmm_biases_as_misalignment():
+    printed = dict(zip(("NE", "SE", "SW", "NW"), TRMM_BIASES, strict=True))
     biases = np.array([printed[name] for name in ("SE", "SW", "NW", "NE")])
     modes = np.rad2deg(MODES @ biases)
-    np.testing.assert_allclose(modes[:3], [roll_deg, pitch_deg, -0.0648], atol=1e-4)
+    np.testing.assert_allclose(modes[:3], [0.0578, -0.0130, -0.0648], atol=1e-4)
     np.testing.assert_allclose(np.deg2rad(modes[:2]), compute_roll_pitch(biases, ALL), atol=1e-16)
-
-
-# --- roll and pitch on board ---
 
 
 def test_three_quadrants_are_least_squares_with_a_height():
@@ -167,15 +101,8 @@ def test_three_quadrants_are_least_squares_with_a_height():
         np.testing.assert_allclose([compute_roll_pitch(y, u) for y, u in zip(shown, used, strict=True)], expected, atol=1e-15)
 
 
-def test_two_quadrants_are_not_enough():
-    for lost in ((0, 1), (0, 2), (1, 2, 3)):
-        used = ALL.copy()
-        used[list(lost)] = False
-        assert np.isnan(compute_roll_pitch(np.zeros(4), used)).all()
-
-
 def test_roll_and_pitch_of_a_turned_body():
-    """From the bisector, at any yaw, to second order; with three quadrants the Earth's elongation comes in."""
+    """From the bisector, at any yaw, to second order."""
     A, position = attitudes(100, 0.0)
     A = bisector_attitude(A, position, HORIZON)
     tilt = np.concatenate([np.deg2rad(np.random.default_rng(4).uniform(-0.4, 0.4, (100, 2))), np.zeros((100, 1))], axis=1)
@@ -183,22 +110,6 @@ def test_roll_and_pitch_of_a_turned_body():
     four = np.array([compute_roll_pitch(one, ALL) for one in y])
     # Slopes differ from a sphere's by under 1 %, and 2 (0.4 deg)^2 is 0.006 deg.
     np.testing.assert_allclose(np.rad2deg(four), np.rad2deg(tilt[:, :2]), atol=0.01)
-    three = np.array([compute_roll_pitch(one, np.array([True, True, True, False])) for one in y])
-    elongation = y @ MODES[3]
-    np.testing.assert_allclose(np.abs(three - four), np.sqrt(2) * np.abs(np.stack([elongation] * 2, axis=1)), atol=1e-14)
-    assert 0.02 < np.rad2deg(np.abs(three - four)).max() < 0.04
-
-
-# --- detectors, S and its filter ---
-
-
-def test_limb_detectors_are_linear_until_they_are_full():
-    width = 0.04
-    inside = np.linspace(-0.059, 0.059, 21)
-    signals = np.array([sum_limb_signals(y, 0.0, width) for y in inside])
-    np.testing.assert_allclose(width * (signals - 1.5), inside, atol=1e-16)
-    assert sum_limb_signals(0.2, 0.1, width) == pytest.approx(3.3)
-    assert sum_limb_signals(-0.2, 0.1, width) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("s_filter", ["off", "correct", "held", "restarted"])
@@ -211,8 +122,6 @@ def test_constant_offset_is_subtracted(s_filter):
     assert used.all()
     truth = compute_penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(angles, truth + TRMM_BIASES, atol=1e-14)
-    rough, _ = observe(np.random.default_rng(0), replace(sensor, step=1e-3, sun_field=0.0), TIMES, A, position, away)
-    np.testing.assert_allclose(rough / 1e-3, np.round((truth + TRMM_BIASES) / 1e-3), atol=1e-9)
 
 
 def test_filter_by_hand():
@@ -226,9 +135,8 @@ def test_filter_by_hand():
 
 
 def test_wrong_restart_is_a_spike_that_decays():
-    """3 w (o - S_f) (1 - g)^k after the return; R's figure 8, a few tenths of a degree in roll and pitch."""
+    """3 w (o - S_f) (1 - g)^k after the return."""
     t, correct, used = passage("correct")
-    np.testing.assert_array_equal(used[:, :3], True)
     out = np.flatnonzero(~used[:, 3])
     assert 100 < t[out[-1]] - t[out[0]] < 240  # through 11 deg at 4 deg/min
     back = out[-1] + 1
@@ -237,62 +145,10 @@ def test_wrong_restart_is_a_spike_that_decays():
     elapsed = 0.5 * np.arange(1, spike.size + 1)
     np.testing.assert_allclose(spike, 3 * QUIET.width * QUIET.offset * np.exp(-elapsed / QUIET.s_time_constant), atol=1e-13)
     np.testing.assert_array_equal((wrong - correct)[: out[0]], 0.0)
-    pairs = zip(wrong, correct, used, strict=True)
-    roll, pitch = np.rad2deg(
-        [np.subtract(compute_roll_pitch(a, flags), compute_roll_pitch(b, flags)) for a, b, flags in pairs]
-    ).T
-    assert 0.1 < np.abs(roll).max() < 0.4
-    assert 0.1 < np.abs(pitch).max() < 0.4
     _, held, _ = passage("held")
     np.testing.assert_allclose(held, correct, atol=1e-13)  # a constant offset: nothing went stale
     _, heated, _ = passage("restarted", s_restart=QUIET.offset + QUIET.sun_radiance)
     assert (heated - correct)[back, 3] == pytest.approx(-3 * QUIET.width * np.exp(-0.5 / 60))
-
-
-def test_removing_the_filter_removes_the_spike():
-    _, correct, used = passage("correct", swing=0.02)
-    _, off, _ = passage("off", swing=0.02)
-    _, held, _ = passage("held", swing=0.02)
-    _, wrong, _ = passage("restarted", swing=0.02)
-    back = np.flatnonzero(~used[:, 3])[-1] + 1
-    at_return = np.rad2deg(np.abs([x[back, 3] - off[back, 3] for x in (correct, held, wrong)]))
-    assert at_return[0] < 1e-12
-    assert at_return[1] < 0.1 < at_return[2]
-
-
-def test_moving_offset_lags_by_the_time_constant():
-    t, filtered, used = passage("correct", swing=0.02)
-    _, off, _ = passage("off", swing=0.02)
-    before = slice(200, np.flatnonzero(~used[:, 3])[0])
-    nominal, azimuth = HORIZON.nominal, AZIMUTHS[1]
-    direction = np.array([np.sin(nominal) * np.cos(azimuth), np.sin(nominal) * np.sin(azimuth), np.cos(nominal)])
-    A = compute_lvlh_attitude(ORBIT, t)
-    offset = 0.02 * (A @ sun_at(315.0, np.rad2deg(nominal))) @ direction
-    state = offset[0]
-    lag = []
-    for value in offset:
-        state += QUIET.gain(0.5) * (value - state)
-        lag.append(3 * QUIET.width * (value - state))
-    np.testing.assert_allclose((filtered - off)[before, 1], np.array(lag)[before], atol=1e-13)
-    assert np.rad2deg(np.abs(lag).max()) < 0.015
-
-
-def test_sun_in_an_undropped_quadrant_shows():
-    """What the prediction is for: with no prediction S is raised and the angle is wrong by 3 w; negative control of `used`."""
-    t = np.zeros(1)
-    A, position = compute_lvlh_attitude(ORBIT, t)[0], compute_orbit_position(ORBIT, t)[0]
-    sun = sun_at(315.0, np.rad2deg(HORIZON.nominal))
-    elsewhere = turned(A[None], np.array([[0.0, 0.0, 0.5]]))[0]
-    results = []
-    for onboard in (A, elsewhere):
-        state, used, angles = np.full(4, np.nan), ALL.copy(), np.empty(4)
-        constants = replace(QUIET, s_filter="off").constants
-        measure(A, onboard, position, sun, np.zeros(8), 1.0, constants, state, used, angles)
-        results.append((used, angles))
-    assert results[0][0].tolist() == [True, True, True, False]
-    assert results[1][0].all()
-    truth = compute_penetrations(A[None], position[None], *HORIZON.semi_axes, HORIZON.nominal)[0]
-    np.testing.assert_allclose(results[1][1] - truth, [0, 0, 0, -3 * QUIET.width], atol=1e-14)
 
 
 def test_intrusion_field_and_eclipse():
@@ -329,4 +185,3 @@ def test_noise_is_as_stated():
     assert variance["off"] == pytest.approx(sensor.sigma**2 + s_part, rel=4 * np.sqrt(2 / (4 * n)))
     expected = sensor.sigma**2 + s_part * gain / (2 - gain)
     assert variance["correct"] == pytest.approx(expected, rel=4 * np.sqrt(2 / (4 * n) * 2 / gain))
-    assert variance["off"] / expected > 5

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import simulator
-from diagnosis.diagnose import diagnose
 from simulator.effects import EFFECTS, parse
 from simulator.effects.timing import compute_delay_columns
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO, STREAM
@@ -24,11 +23,6 @@ def shown(text):
 def agile():
     """A body that swings by degrees in half a minute for 25 minutes, with a reference every two seconds."""
     return simulator.override(simulator.load("trmm_series"), AGILE)
-
-
-def sparse():
-    """The same with a third of the references, which is enough where no clock is in question, and takes half the time."""
-    return simulator.override(agile(), {"reference.every_s": 6.0})
 
 
 def test_a_positive_drift_makes_late_tags_later():
@@ -61,27 +55,6 @@ RIVALS = (
     *("clock_drift", "clock_slip", "time_offset", "rate_lag"),
     *("reference_jump", "reference_correlated", "bias_step", "bias_drift"),
 )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("text", "size", "tolerance"),
-    [
-        ("clock_drift=150", 150.0, 20.0),
-        ("clock_slip=-0.1,time_s=613", -0.1, 0.02),
-        ("time_offset=0.1", 0.1, 0.02),
-    ],
-)
-def test_a_diagnosis_tells_drift_slip_and_offset_apart(text, size, tolerance):
-    """The offset is the negative control: neither a drift nor a slip takes part in its answer."""
-    name = text.partition("=")[0]
-    found = diagnose(simulator.simulate(agile(), seed=3, effects=[parse(text)]), library=RIVALS)
-    assert [cause.effect for cause in found.causes] == [name]
-    (cause,) = found.causes
-    assert cause.size == pytest.approx(size, abs=tolerance)
-    assert not {"clock_drift", "clock_slip", "time_offset"} - {name} & set(cause.group)
-    if name == "clock_slip":
-        assert cause.parameters["time_s"] == pytest.approx(613, abs=30)
 
 
 def test_a_wander_that_lasts_is_a_delay_of_its_size():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import simulator
-from gyrocal import InputError
-from simulator.effects import extract_references, find_flight_directions, parse, setting
+from simulator.effects import find_flight_directions, parse
 from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
@@ -32,22 +31,9 @@ FLOWN = [["+x"], ["+x", "-x"], ["-x"], ["-x", "-y", "-x"], ["-x", "", "-x"], ["-
 
 def test_modes_of_the_six_maneuvers():
     assert [runs_of(RECORDING, number) for number in range(6)] == FLOWN
-    at_ends = simulator.simulate(simulator.load("trmm"), seed=2)
-    ends = [[axes[0], axes[-1]] if len(set(axes)) > 1 else [axes[0]] for axes in FLOWN]
-    ends[3] = ends[4] = ["-x"]  # both ends are flown as the others around them
-    assert [runs_of(at_ends, number) for number in range(6)] == ends
-
-
-def test_the_activity_is_not_read():
+    # The names of activities are not read.
     silent = replace(RECORDING, intervals=tuple(replace(one, activity="+y forward") for one in RECORDING.intervals))
     np.testing.assert_array_equal(forward_axes(silent), forward_axes(RECORDING))
-
-
-@pytest.mark.parametrize("mode", ["+x", "-x", "+y", "-y"])
-def test_all_four_modes(mode):
-    interval = {"name": "a", "activity": "", "start_s": 0.0, "stop_s": 900.0, "mode": mode}
-    recording = simulator.simulate(simulator.override(SERIES, {"interval": [interval]}), seed=3)
-    assert set(forward_axes(recording)) == {mode}
 
 
 def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
@@ -65,23 +51,12 @@ def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
     assert np.all(np.diff(headings[(t_s > 120) & (t_s < 880)]) < 0)
     # Each is known to a twentieth of a radian (`flight_mode.NOISE`).
     assert headings[t_s == 480.0][0] + headings[t_s == 520.0][0] == pytest.approx(-np.pi, abs=3 * 0.05 * np.sqrt(2))
-    assert np.abs(headings[t_s < 90]).max() < 0.02
-    assert np.abs(headings[t_s > 910]).min() > np.pi - 0.02
-
-
-def test_without_an_orbit_or_with_too_much_noise_nothing_is_said():
-    assert set(forward_axes(replace(RECORDING, orbit=None))) == {""}
-    noisy = replace(RECORDING, gyro=replace(RECORDING.gyro, arw=3e-3))
-    assert set(forward_axes(noisy)) == {""}
 
 
 def test_what_is_stated_goes_first():
     stated = [replace(one, forward=forward) for one, forward in zip(RECORDING.intervals, ("-y", "none", "+x"), strict=False)]
     recording = replace(RECORDING, orbit=None, intervals=(*stated, *RECORDING.intervals[3:]))
     assert [runs_of(recording, number) for number in range(4)] == [["-y"], [""], ["+x"], [""]]
-
-
-# ---- the offset ----------------------------------------------------------------------------------------------------------
 
 
 def offset_of(text):
@@ -99,21 +74,6 @@ def test_the_offset_acts_around_a_hold_and_in_it_if_asked_to():
     np.testing.assert_allclose(offset_of("reference_mode_offset:x=0.1,holds=on"), 0.1 * ((flown == "-x") | hold), atol=1e-10)
 
 
-def around(recording):
-    references = extract_references(recording)
-    return Surroundings(None, references, recording.gyro.arw, recording.gyro.sample_s, recording.attitudes.sigma)
-
-
-def test_both_are_tried_where_there_is_a_hold():
-    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(RECORDING))] == ["off", "on"]
-    few = simulator.override(SERIES, {"interval": FIRST})
-    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(simulator.simulate(few)))] == ["off"]
-
-
-FIRST = [one.model_dump(exclude_none=True) for one in SERIES.interval[:1]]
-BACK = [{"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 900.0, "mode": "-x"}]
-
-
 def test_a_head_takes_over_at_some_heading_of_a_turn():
     """At 20, 50, 70, 110 and 160 degrees from -x, of which each is reached from a heading of its own on."""
     heading = np.pi - np.deg2rad([180.0, 160.0, 110.0, -70.0, 50.0, 20.0, 0.0])
@@ -123,12 +83,3 @@ def test_a_head_takes_over_at_some_heading_of_a_turn():
     reached = {tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(one.parameters))[:, 2])) for one in trials}
     assert reached == {(5, 6), (4, 5, 6), (3, 4, 5, 6), (2, 3, 4, 5, 6)}
     assert sum(one.weight for one in trials) == pytest.approx(1.0)
-    assert trials[0].parameters == {"holds": "off", "within_deg": 90.0}
-
-
-def test_the_offset_without_the_mode_is_refused():
-    only = simulator.override(SERIES, {"interval": FIRST})
-    with pytest.raises(InputError, match="does nothing here; no reference is taken with -x forward"):
-        simulator.simulate(only, effects=[setting("reference_mode_offset", "x", 1.0)])
-    assert "all references" in MODE_OFFSET.missing(around(simulator.simulate(simulator.override(SERIES, {"interval": BACK}))))
-    assert MODE_OFFSET.missing(around(RECORDING)) is None

@@ -5,7 +5,6 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from diagnosis.model.linearise import linearise_recording
 from simulator.effects import EFFECTS, extract_surroundings, parse
 from simulator.effects.reference.reference_jump import compute_reference_innovations, find_edges
 from simulator.truth.rotation import separation
@@ -54,27 +53,6 @@ def test_innovations_show_the_begin_and_the_end_of_a_jump():
     np.testing.assert_allclose(np.linalg.norm(found.values[edges[1]]), np.linalg.norm(e), atol=5 * found.sigma.max())
     windows = {(one.parameters["begin_s"], one.parameters["end_s"]) for one in EFFECTS["reference_jump"].trials(around)}
     assert windows == {(499.0, 1e12), (559.0, 1e12), (499.0, 559.0)}
-
-
-@pytest.mark.parametrize("sigmas", [0.0, 2.5])
-def test_means_show_a_jump_below_the_noise_of_one_reference(sigmas):
-    """No innovation shows it, the mean of many references does, to a few of them; without one there is none."""
-    size = sigmas * float(np.rad2deg(np.median(seen(agile())[0].attitudes.sigma)))
-    jump = [f"reference_jump={size},e_x_deg=1,e_y_deg=-1,e_z_deg=1,begin_s=1000"] if size else []
-    recording, _ = seen(agile(), *jump)
-    around = linearise_recording(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias).surroundings
-    found = compute_reference_innovations(around)
-    at = around.references.t_s[found.second[find_edges(found, around)]]
-    assert bool(at.size) == bool(size)
-    assert np.abs(at - 1000).min(initial=np.inf if size else 0.0) <= 5 * float(np.median(np.diff(around.references.t_s)))
-
-
-def test_without_a_jump_few_windows_stand_for_all():
-    """One, or one for each gap between intervals."""
-    _, around = seen(agile())
-    trials = EFFECTS["reference_jump"].trials(around)
-    assert len(trials) == max(len(np.unique(around.references.interval)) - 1, 1)
-    assert all(one.weight < 0.01 for one in trials)
 
 
 def test_a_diagnosis_names_a_jump_and_nothing_else():

@@ -1,24 +1,24 @@
+"""The calendar of yaw maneuvers, and the magnetic field with its sidereal time, against published dates and numbers."""
+
 import numpy as np
 import pandas as pd
+import pytest
 
-from simulator.mission_mode.calendar import compute_sun_angle, find_plane_crossings
+from simulator.mission_mode.calendar import find_plane_crossings
 from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.flight import build_flight_schedule
+from simulator.mission_mode.magnetic_field import (
+    DIPOLE,
+    REFERENCE_RADIUS,
+    compute_dipole_field,
+    compute_sidereal_angle,
+)
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.sun import DAY
 
 CONFIG = MissionConfig()
 
 
 def days(moments):
     return pd.DatetimeIndex(pd.Timestamp(CONFIG.epoch) + pd.to_timedelta(moments, unit="s"))
-
-
-def test_crossings_are_where_the_sun_changes_sides():
-    moments = find_plane_crossings(CONFIG.epoch, CONFIG.orbit, 155.0)
-    assert np.abs(np.rad2deg(compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments))).max() < 0.01
-    before, after = (compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments + step) for step in (-DAY, DAY))
-    assert (before * after < 0).all()
 
 
 def test_yaw_maneuvers_of_the_flight():
@@ -35,14 +35,28 @@ def test_yaw_maneuvers_of_the_flight():
     assert np.abs(days(find_plane_crossings(CONFIG.epoch, other, 120.0)) - flight[2]).min() > pd.Timedelta(days=5)
 
 
-def test_the_sun_stays_on_its_side():
-    """R: between 0° and 58.4° from the XZ plane, toward −Y; without maneuvers (negative control) it does not."""
-    config = build_flight_schedule(CONFIG, 400.0)
-    t = np.arange(0.0, 400 * DAY, 1800.0)
-    swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in config.maneuvers], t)
-    sign = np.where((swaps + (config.forward == "-x")) % 2 == 0, 1.0, -1.0)
-    beta = np.rad2deg(compute_sun_angle(config.epoch, config.orbit, t))
-    # A crossing lies within half a step of its maneuver's middle as far as the linear search goes.
-    assert (sign * beta).min() > -0.05
-    assert 55.0 < np.abs(beta).max() < 58.45
-    assert beta.min() < -50
+def field(position, angle=0.0):
+    return np.array(compute_dipole_field(*position, angle, DIPOLE))
+
+
+def test_published_geomagnetic_pole():
+    """1995 centred dipole: 79.32° N, 71.42° W, as tabulated from the reference field by Woods Hole."""
+    x, y, z = -DIPOLE / np.linalg.norm(DIPOLE)
+    assert np.rad2deg(np.arcsin(z)) == pytest.approx(79.32, abs=0.005)
+    assert np.rad2deg(np.arctan2(y, x)) == pytest.approx(-71.42, abs=0.005)
+
+
+def test_along_the_axis_it_is_twice_that_across():
+    """|B| = B₀ (a/r)³ sqrt(1 + 3 sin²λ) at the magnetic latitude λ; at the northern pole B points down."""
+    axis = -DIPOLE / np.linalg.norm(DIPOLE)
+    across = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
+    for latitude in (0.0, 0.4, np.pi / 2):
+        r = 1.06 * REFERENCE_RADIUS * (np.cos(latitude) * across + np.sin(latitude) * axis)
+        expected = np.linalg.norm(DIPOLE) / 1.06**3 * np.sqrt(1 + 3 * np.sin(latitude) ** 2)
+        assert np.linalg.norm(field(r)) == pytest.approx(expected, rel=1e-12)
+    assert field(REFERENCE_RADIUS * axis) @ axis < 0
+
+
+def test_published_sidereal_time():
+    """Meeus, example 12.a: 1987 April 10, 0h UT, 13h 10m 46.3668s; his T² term there is 6e-6°."""
+    assert np.rad2deg(compute_sidereal_angle(2446895.5)) == pytest.approx(15 * (13 + 10 / 60 + 46.3668 / 3600), abs=1e-4)

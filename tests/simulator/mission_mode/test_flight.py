@@ -14,29 +14,20 @@ from simulator.mission_mode.config import (
     Controller,
     MissionConfig,
     OnBoardTables,
-    Spacecraft,
     TrueGyro,
     YawManeuver,
-    apply_compensation,
-    build_coefficient_upload,
     build_period_tables,
-    fit_crossing_compensation,
 )
 from simulator.mission_mode.flight import ROTATION_NAMES, build_flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M, build_mounted_sensors
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import (
-    SIMULATED_ALPHA_COEFFICIENTS,
-    SIMULATED_BETA_COEFFICIENTS,
-    build_trmm_alignments,
     build_trmm_sensors,
-    compute_head_tangents,
 )
 from simulator.truth.orbit import compute_lvlh_rate
 
 DAY = 86400.0
 PERIODS = build_period_tables()
-LEVEL = (BORESIGHTS[0], 0.0)  # boresights in the XY plane
 SETTLED = 4  # yaw updates until the cycle has settled
 ORBIT_S = MissionConfig().orbit.period
 KNOWLEDGE, POINTING, JITTER = 0.2, 0.4, 0.1  # deg; R Table 1, the first two 3-sigma
@@ -78,19 +69,14 @@ def mean_update(run):
     return run.updates["update_deg"][SETTLED:].abs().mean()
 
 
-def test_calibrated_meets_the_requirements(runs):
+def test_calibrated_meets_the_requirements_and_uncalibrated_yaw_misses_them(runs):
     orbits = runs["postcalibration"].orbits[2:]
     for axis in ROTATION_NAMES:
         assert 3 * orbits[f"rms_knowledge_{axis}_deg"].max() < KNOWLEDGE
         assert 3 * orbits[f"rms_error_{axis}_deg"].max() < POINTING
         assert orbits[f"largest_error_{axis}_deg"].max() < POINTING
         assert orbits[f"jitter_{axis}_deg"].max() < JITTER
-
-
-def test_uncalibrated_yaw_misses_them(runs):
-    """R: before calibration the yaw attitude did not meet mission requirements."""
-    orbits = runs["precalibration"].orbits[2:]
-    assert 3 * orbits["rms_knowledge_yaw_deg"].mean() > KNOWLEDGE
+    assert 3 * runs["precalibration"].orbits[2:]["rms_knowledge_yaw_deg"].mean() > KNOWLEDGE  # R: did not meet them
 
 
 def test_yaw_updates_by_period(runs):
@@ -100,17 +86,6 @@ def test_yaw_updates_by_period(runs):
     assert mean_update(runs["precalibration"]) == pytest.approx(expected, abs=0.02)
     assert mean_update(runs["calibration1"]) < 0.05
     assert mean_update(runs["postcalibration"]) < 0.05
-
-
-def test_yaw_updates_grow_and_alternate(runs):
-    """R: the new bias is used until the next update, resulting in a larger one; it settles with DSS-1 and DSS-2 in turn."""
-    updates = runs["precalibration"].updates
-    settled = updates["update_deg"][SETTLED:].to_numpy()
-    assert (settled[1:] * settled[:-1] < 0).all()
-    assert set(np.diff(updates["sensor"])) == {-1, 1}
-    assert np.diff(updates["t_s"]) == pytest.approx(ORBIT_S / 2, rel=0.01)  # twice an orbit
-    same = runs["postcalibration"].updates["update_deg"][SETTLED:].to_numpy()
-    assert np.abs(same).mean() < 0.3 * np.abs(settled).mean()
 
 
 @pytest.mark.parametrize("difference_deg", [0.1, 0.0])
@@ -128,14 +103,11 @@ def test_cycle_is_twice_the_difference(difference_deg):
 
 
 @pytest.mark.parametrize("forward", ["+x", "-x"])
-@pytest.mark.parametrize("period", ["precalibration", "postcalibration"])
-def test_apparent_bias_is_that_of_the_orientation(forward, period):
+def test_apparent_bias_is_that_of_the_orientation(forward):
     """R (8): ω − G ω_raw at ±1 RPO. The gyro's white noise over an orbit has ARW/√T; taken over 7 orbits, at 4 sigma."""
-    run = simulate_mission(at_sun_angle(20.0, tables=PERIODS[period]), seconds=8 * ORBIT_S, seed=4)
-    if run.orbits["forward"][0] != forward:
-        base = at_sun_angle(20.0, tables=PERIODS[period])
-        run = simulate_mission(replace(base, forward=forward), seconds=8 * ORBIT_S, seed=4)
-    G = PERIODS[period].G
+    tables = PERIODS["precalibration"]
+    run = simulate_mission(replace(at_sun_angle(20.0, tables=tables), forward=forward), seconds=8 * ORBIT_S, seed=4)
+    G = tables.G
     rate = compute_lvlh_rate(MissionConfig().orbit, np.zeros(1))[0] * (1 if forward == "+x" else -1) * np.array([0.0, 1.0, 0.0])
     expected = np.rad2deg(rate - G @ np.linalg.solve(R9_G, rate - R9_BIAS)) * 3600
     found = [run.orbits[f"apparent_bias_{axis}_deg_h"][1:].mean() for axis in ROTATION_NAMES]
@@ -157,11 +129,8 @@ def test_yaw_maneuver_before_and_after_calibration():
     for axis in ROTATION_NAMES:
         assert abs(after.slews[f"targeting_{axis}_deg"][0]) < 0.04
     assert after.orbits["forward"].tolist() == ["-x"] * 3 + ["+x"] * 4
-    assert before.orbits["lost"].sum() * 0.5 > 1000.0  # until the first yaw update after it
     assert after.updates["bias_solved"].tolist().count(False) == 2  # the very first one, and the first after the maneuver
-    # The errors are those of the commanded frame, which turned: the slew was flown, and the Sun is on the other side.
-    moving = after.telemetry["t_s"].between(after.slews["start_s"][0], after.slews["stop_s"][0])
-    assert after.telemetry.loc[moving, [f"error_{axis}_deg" for axis in ROTATION_NAMES]].abs().to_numpy().max() < POINTING
+    # The slew was flown: the Sun is on the other side.
     assert (after.updates["sun_angle_deg"][after.updates["forward"] == "-x"] > 0).all()
     assert (after.updates["sun_angle_deg"][after.updates["forward"] == "+x"] < 0).all()
 
@@ -169,12 +138,9 @@ def test_yaw_maneuver_before_and_after_calibration():
 def test_uploads_take_effect_on_their_day():
     upload = (6 * ORBIT_S, PERIODS["postcalibration"])
     run = simulate_mission(config("precalibration", uploads=(upload,)), seconds=14 * ORBIT_S, seed=5)
-    sizes = run.updates["update_deg"].abs()
-    before = run.updates["t_s"] < upload[0]
+    sizes, before = run.updates["update_deg"].abs(), run.updates["t_s"] < upload[0]
     assert sizes[before][SETTLED:].mean() > 0.12
     assert sizes[~before][3:].mean() < 0.06
-    until = simulate_mission(config("precalibration"), seconds=6 * ORBIT_S, seed=5)
-    assert run.updates["update_deg"][before].to_numpy() == pytest.approx(until.updates["update_deg"].to_numpy(), abs=1e-12)
 
 
 def test_unloading_bounds_the_wheels():
@@ -182,18 +148,7 @@ def test_unloading_bounds_the_wheels():
     with_it = simulate_mission(config(), days=1.5, seed=6).orbits["momentum_nms"].to_numpy()
     without = simulate_mission(config(controller=Controller(unloading=0.0)), days=1.5, seed=6).orbits["momentum_nms"].to_numpy()
     assert with_it.max() < 15.0
-    assert with_it[-6:-1].mean() < 1.5 * with_it[3:8].mean()
     assert without.max() > 5 * with_it.max()
-    assert (np.diff(without[:8]) > 0).all()  # orbit by orbit, until wheels are full
-
-
-def test_lost_control_stays_finite():
-    """With wheels too weak to hold it the spacecraft tumbles out of the Earth sensor's view; nothing turns to NaN."""
-    weak = Spacecraft(momentum_limit=0.5, drag=0.2)
-    run = simulate_mission(config(spacecraft=weak, controller=Controller(unloading=0.0)), seconds=3 * ORBIT_S, seed=6)
-    assert run.orbits["largest_error_pitch_deg"].max() > 30.0
-    # The penetration angle of a quadrant that misses the Earth is none.
-    assert np.isfinite(run.telemetry.drop(columns=run.telemetry.filter(like="angle_").columns).to_numpy()).all()
 
 
 def test_faulty_s_filter_shows_as_spikes():
@@ -223,54 +178,6 @@ def test_penetration_biases_show_as_roll_and_pitch(runs):
     assert np.abs(found[1]).max() < 0.005
 
 
-def test_momentum_is_conserved_without_control_and_disturbances():
-    """No torque at all: the commanded frame goes on and the body keeps its inertial momentum; with control it follows."""
-    free = Spacecraft(drag=0.0, residual_dipole=np.zeros(3), gravity_gradient=False, inertia=np.diag([8500.0, 6000.0, 9500.0]))
-    law = Controller(bandwidth=np.zeros(3), unloading=0.0, inertia=np.full(3, 1e-9))
-    run = simulate_mission(config(spacecraft=free, controller=law), seconds=600.0, telemetry_every=1)
-    # ω starts at −n about y, a principal axis: it stays, and the pitch follows LVLH within the geodetic lean's change.
-    assert run.telemetry[[f"wheel_{i}_nms" for i in range(1, 5)]].abs().to_numpy().max() < 1e-6
-    assert run.telemetry["error_pitch_deg"].abs().max() < 0.2
-    pushed = free._replace(drag=1.0)
-    moved = simulate_mission(config(spacecraft=pushed, controller=law), seconds=600.0, telemetry_every=1)
-    assert moved.telemetry["error_pitch_deg"].abs().max() > 5.0  # negative control
-
-
-def test_a_seed_is_a_run():
-    one, again, other = (simulate_mission(config(), seconds=6000.0, seed=seed) for seed in (1, 1, 2))
-    assert one.telemetry.equals(again.telemetry)
-    assert one.updates.equals(again.updates)
-    assert not one.telemetry.equals(other.telemetry)
-
-
-def test_compensation_removes_the_head_at_the_crossing():
-    """Heads alone: with (c, d) of the sensor itself the yaw read at the crossing is right to 0.01°, with R's pair it is not."""
-    M, sensor, nominal = np.eye(3), build_mounted_sensors("heads", LEVEL)[1], build_trmm_alignments(*LEVEL)[1]
-    c, d = fit_crossing_compensation(sensor, M, nominal)
-    for angle in np.deg2rad([5.0, 30.0, 55.0]):
-        body = np.array([-np.cos(angle), -np.sin(angle), 0.0])
-        _, beta = compute_head_tangents(*(sensor.alignment.T @ body), sensor.head)
-        reads = [nominal @ M @ np.array([0.0, k * beta + m, 1.0]) for k, m in ((c, d), (0.999977, 5.3e-5))]
-        gaps = [abs(np.rad2deg(np.cross(body, r / np.linalg.norm(r))[2])) for r in reads]
-        assert gaps[0] < 0.035 < 0.15 < gaps[1]
-
-
-def test_coefficients_by_r6():
-    """tan β = c × the bracket of (5) + d, whatever the counts."""
-    new = apply_compensation(SIMULATED_BETA_COEFFICIENTS, 1.01, 0.02)
-
-    def bracket(k, n):
-        return k[0] + k[1] * n + k[2] * np.sin(k[3] * n + k[4]) + k[5] * np.sin(k[6] * n + k[7])
-
-    counts = np.linspace(0.0, 16000.0, 9)
-    assert bracket(new, counts) == pytest.approx(1.01 * bracket(SIMULATED_BETA_COEFFICIENTS, counts) + 0.02, rel=1e-12)
-    assert new[8] == SIMULATED_BETA_COEFFICIENTS[8]
-    upload = build_coefficient_upload(OnBoardTables())
-    assert upload.coefficients_beta[0] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, 1.000047, 8.5e-5))
-    assert (upload.coefficients_alpha == SIMULATED_ALPHA_COEFFICIENTS).all()
-    assert (upload.G == R9_G).all()
-
-
 def test_flight_schedule():
     schedule = build_flight_schedule(MissionConfig(), 120.0)
     assert len(schedule.maneuvers) == 6
@@ -281,26 +188,3 @@ def test_flight_schedule():
     assert (first[1].G == PRELAUNCH_G).all()
     assert (second[1].G == R9_G).all()
     assert (second[1].misalignments == first[1].misalignments).all()
-    factors = fit_crossing_compensation(
-        build_mounted_sensors()[1], first[1].misalignments[1], build_trmm_alignments(*BORESIGHTS)[1]
-    )
-    assert second[1].coefficients_beta[1] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, *factors), rel=1e-12)
-    printed = build_flight_schedule(MissionConfig(printed_coefficients=True), 120.0).uploads[1][1]
-    assert printed.coefficients_beta[1] == pytest.approx(
-        apply_compensation(SIMULATED_BETA_COEFFICIENTS, 0.999977, 5.3e-5), rel=1e-12
-    )
-    late = build_flight_schedule(MissionConfig(filter_off_first=False), 120.0).uploads
-    assert [upload.s_filter for _, upload in late] == ["restarted", "off"]
-
-
-@pytest.mark.parametrize(
-    ("changes", "times", "message"),
-    [
-        ({}, {}, "days or seconds"),
-        ({}, {"seconds": 10.0, "telemetry_every": 0}, "positive"),
-        ({"maneuvers": (YawManeuver(10.0), YawManeuver(500.0))}, {"seconds": 10.0}, "within another"),
-    ],
-)
-def test_what_cannot_be_flown(changes, times, message):
-    with pytest.raises(ValueError, match=message):
-        simulate_mission(config(**changes), **times)

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
-from simulator.mission_mode.target_frame import compute_commanded_attitude, compute_rotation_between
-from simulator.sensors.horizon import FLATTENING, compute_orbit_position
+from simulator.mission_mode.target_frame import compute_commanded_attitude
+from simulator.sensors.horizon import compute_orbit_position
 from simulator.sensors.sun import build_trmm_sensors, compute_counts, compute_head_tangents
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import geodetic_nadir
@@ -25,26 +25,6 @@ def test_z_is_the_geodetic_nadir():
     assert np.abs(frame[:, 2] - geodetic_nadir(compute_orbit_position(ORBIT, T))).max() < 1e-9
     assert np.abs(frame @ np.swapaxes(frame, 1, 2) - np.eye(3)).max() < 1e-14
     assert np.abs(frame[:, 2] - compute_lvlh_attitude(ORBIT, T)[:, 2]).max() > 1e-3  # negative control: geocentric is elsewhere
-
-
-def test_lean_from_lvlh():
-    """2 f cos i sin i sin u in roll and f sin²i sin 2u in pitch, times a/r, to first order in f."""
-    lvlh, frame = compute_lvlh_attitude(ORBIT, T), compute_commanded_attitude(ORBIT, T)
-    lean = np.empty((len(T), 3))
-    for k in range(len(T)):
-        compute_rotation_between(lvlh[k], frame[k], lean[k])
-    u, i = ORBIT.latitude_argument + ORBIT.mean_motion * T, ORBIT.inclination
-    expected = np.stack([2 * np.cos(i) * np.sin(i) * np.sin(u), np.sin(i) ** 2 * np.sin(2 * u)], axis=-1)
-    scale = FLATTENING * 6378137.0 / ORBIT.radius
-    signs = np.sign((lean[:, :2] * expected).sum(axis=0))
-    assert np.abs(lean[:, :2] * signs - scale * expected).max() < 0.01 * scale
-    assert np.abs(lean[:, 2]).max() < 1e-5
-
-
-def test_rotation_between():
-    before, vector, out = Rotation.from_rotvec([0.3, 1.0, -0.5]).as_matrix(), np.array([1e-3, -2e-3, 1.5e-3]), np.empty(3)
-    compute_rotation_between(before, turn(vector) @ before, out)
-    assert out == pytest.approx(vector, abs=1e-13)
 
 
 def test_propagated_error_is_that_of_matrices():
@@ -73,8 +53,3 @@ def test_azimuth_of_the_sun(number, yaw):
     counts = compute_counts(*compute_head_tangents(*s, sensor.head), sensor.coefficients_alpha, sensor.coefficients_beta)
     seen = compute_sun_azimuth(*counts, sensor.coefficients_alpha, sensor.coefficients_beta, sensor.alignment)
     assert wrap_angle(np.arctan2(expected[1], expected[0]) - seen) == pytest.approx(yaw, abs=1e-9)
-
-
-def test_half_turn():
-    assert wrap_angle(2 * np.pi - 0.1) == pytest.approx(-0.1)
-    assert wrap_angle(-2 * np.pi + 0.1) == pytest.approx(0.1)

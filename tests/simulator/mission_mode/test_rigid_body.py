@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulator.mission_mode.rigid_body import compute_attitude_matrix, step_rigid_body
+from simulator.mission_mode.rigid_body import step_rigid_body
+from simulator.mission_mode.wheels import build_wheel_pyramid, compute_unloading_moment, distribute
 from simulator.truth.rotation import convert_to_matrix, convert_to_quaternion, separation
 
 INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
@@ -31,24 +32,6 @@ def run(steps, dt, *, inertia=INERTIA, omega=OMEGA, h=NONE, torque=NONE, wheel=N
 def momentum(q, omega, h):
     """Inertial angular momentum Aᵀ (I ω + h)."""
     return np.einsum("nji,nj->ni", convert_to_matrix(q), omega @ INERTIA.T + h)
-
-
-def test_matrix():
-    out = np.empty((3, 3))
-    compute_attitude_matrix(Q, out)
-    assert out == pytest.approx(convert_to_matrix(Q), abs=1e-15)
-
-
-def test_energy_and_momentum_without_torque():
-    (q, omega, h), _ = run(4000, 0.5)
-    energy = 0.5 * np.einsum("ni,ij,nj->n", omega, INERTIA, omega)
-    total = momentum(q, omega, h)
-    assert np.abs(energy / energy[0] - 1).max() < 1e-8
-    assert np.abs(total - total[0]).max() / np.linalg.norm(total[0]) < 1e-8
-    # Negative control: the body's components do change, and a torque does change both.
-    assert np.ptp(omega @ INERTIA.T, axis=0).max() > 50
-    (q, omega, h), _ = run(4000, 0.5, torque=np.array([0.0, 0.01, 0.0]))
-    assert np.abs(momentum(q, omega, h)[-1] - total[0]).max() > 0.1
 
 
 def equations(t, y):
@@ -80,12 +63,6 @@ def test_against_another_integrator():
     assert turned == pytest.approx(weights @ fine * 0.0625 / 3, abs=1e-8)
 
 
-def test_order():
-    ends = [run(100 * m, 4.0 / m)[0] for m in (1, 2, 64)]
-    coarse, fine = (np.linalg.norm(separation(q[-1], ends[2][0][-1])) for q, _, _ in ends[:2])
-    assert 12 < coarse / fine < 40
-
-
 def test_pitch_libration():
     """A small pitch angle from LVLH swings at n sqrt(3 (I_x − I_z)/I_y); without gradient (negative control) it stays."""
     inertia, angle = np.diag([9000.0, 8000.0, 5000.0]), 1e-3
@@ -104,3 +81,49 @@ def test_pitch_libration():
     swing = pitch(3 * N**2)
     assert swing == pytest.approx(angle * np.cos(2 * np.pi * np.arange(steps + 1) / period), abs=2e-3 * angle)
     assert np.abs(pitch(0.0) - angle).max() < 1e-9
+
+
+W = build_wheel_pyramid()
+INVERSE = np.ascontiguousarray(np.linalg.pinv(W))
+EMPTY = np.zeros(4)
+TORQUE = np.array([0.05, -0.12, 0.2])
+
+
+def wheel_torques(torque, momentum=EMPTY, torque_limit=1e3, momentum_limit=1e3):
+    out = np.empty(4)
+    distribute(torque, INVERSE, np.array(momentum), torque_limit, momentum_limit, 0.5, out)
+    return out
+
+
+def test_distribution_gives_the_torque_with_the_least_squares():
+    out = wheel_torques(TORQUE)
+    assert -W @ out == pytest.approx(TORQUE, abs=1e-15)
+    null = np.array([1.0, -1.0, 1.0, -1.0])
+    assert np.abs(W @ null).max() < 1e-15
+    assert abs(out @ null) < 1e-15  # nothing spent on what gives no torque
+
+
+def test_torque_limit_keeps_the_direction():
+    out = wheel_torques(10 * TORQUE, torque_limit=0.1)
+    assert np.abs(out).max() == pytest.approx(0.1)
+    assert np.abs(np.cross(W @ out, TORQUE)).max() < 1e-15
+
+
+def test_a_full_wheel_takes_no_more():
+    full = -np.sign(INVERSE @ TORQUE) * 50.0  # every torque wanted would overfill its wheel
+    assert wheel_torques(TORQUE, momentum=full, momentum_limit=50.0) == pytest.approx(np.zeros(4), abs=1e-15)
+    assert np.abs(wheel_torques(TORQUE, momentum=-full, momentum_limit=50.0)).min() > 0  # the other way it works
+
+
+def test_unloading_works_across_the_field():
+    rng = np.random.default_rng(5)
+    for h, B in zip(rng.normal(size=(20, 3)), 3e-5 * rng.normal(size=(20, 3)), strict=True):
+        torque = np.cross(compute_unloading_moment(*h, *B, 1e-3, 1e9), B)
+        along = B / np.linalg.norm(B)
+        assert torque == pytest.approx(-1e-3 * (h - along * (along @ h)), abs=1e-15)
+        assert torque @ h < 0
+
+
+def test_moment_limit_keeps_the_direction():
+    free, short = (np.array(compute_unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, top)) for top in (1e9, 50.0))
+    assert short == pytest.approx(free * 50.0 / np.abs(free).max())

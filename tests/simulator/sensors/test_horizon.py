@@ -7,14 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from simulator.sensors.horizon import (
     AZIMUTHS,
-    FLATTENING,
-    POLAR_RADIUS,
     Horizon,
     compute_limb_angle,
     compute_orbit_position,
-    is_hidden,
 )
-from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import bisector_attitude, compute_penetrations, geocentric_nadir, geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
@@ -67,47 +64,11 @@ def test_limb_is_where_rays_begin_to_miss():
             assert eta == pytest.approx(searched_limb(A, position, azimuth, axes), abs=3e-11)
 
 
-def test_sphere():
-    """asin(a/r) at any azimuth; the bisector is the centre; a scan plane that misses the sphere has no limb."""
-    a = HORIZON.semi_axes[0]
-    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
-    for azimuth in np.linspace(0, 2 * np.pi, 7):
-        for k in range(0, 361, 60):
-            eta = compute_limb_angle(A[k], position[k], np.cos(azimuth), np.sin(azimuth), a, a)
-            assert eta == pytest.approx(np.arcsin(a / ORBIT.radius), abs=1e-13)
-    np.testing.assert_allclose(compute_penetrations(A, position, a, a, HORIZON.nominal), 0.0, atol=1e-13)
-    sideways = turned(A[0], [np.pi / 2, 0.0, 0.0])
-    assert np.isfinite(compute_limb_angle(sideways, position[0], 0.0, 1.0, a, a))
-    assert np.isnan(compute_limb_angle(sideways, position[0], 1.0, 0.0, a, a))
-
-
-def test_hidden_behind_the_limb():
-    A, position = compute_lvlh_attitude(ORBIT, TIMES[40:41])[0], compute_orbit_position(ORBIT, TIMES[40:41])[0]
-    eta = compute_limb_angle(A, position, 1.0, 0.0, EARTH_RADIUS, POLAR_RADIUS)
-    for beyond, expected in ((-1e-6, True), (1e-6, False)):
-        d = A.T @ np.array([np.sin(eta + beyond), 0.0, np.cos(eta + beyond)])
-        assert is_hidden(position, d, EARTH_RADIUS, POLAR_RADIUS) is expected
-    assert not is_hidden(position, -A.T @ np.array([0.0, 0.0, 1.0]), EARTH_RADIUS, POLAR_RADIUS)  # the line meets it behind
-
-
-@pytest.mark.parametrize("height", [0.0, 350e3, 35786e3])
-def test_geodetic_nadir_is_that_of_the_latitude_the_position_is_made_of(height):
-    latitude, longitude = np.meshgrid(np.deg2rad([-90.0, -60.0, -1e-3, 0.0, 35.0, 45.0, 90.0]), [0.0, 2.0, 4.0])
-    up = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1)
-    e2 = FLATTENING * (2 - FLATTENING)
-    prime_vertical = EARTH_RADIUS / np.sqrt(1 - e2 * np.sin(latitude) ** 2)[..., None]
-    position = (prime_vertical * np.array([1.0, 1.0, 1 - e2]) + height) * up
-    np.testing.assert_allclose(geodetic_nadir(position), -up, atol=1e-14)
-    np.testing.assert_allclose(geocentric_nadir(position), -position / np.linalg.norm(position, axis=-1)[..., None], atol=0)
-
-
-@pytest.mark.parametrize("yaw", [0.0, np.pi, 0.6])
-def test_bisector_is_a_hundredth_of_a_degree_from_geodetic_nadir(yaw):
+def test_bisector_is_a_hundredth_of_a_degree_from_geodetic_nadir():
     """R: "approximately 0.01 deg". Here 0.0081 deg at most and 0.0060 RMS, against 0.163 deg from geocentric nadir."""
     A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
-    start = np.stack([turned(matrix, [0.0, 0.0, yaw]) for matrix in A])
+    start = np.stack([turned(matrix, [0.0, 0.0, 0.6]) for matrix in A])
     pointed = bisector_attitude(start, position, HORIZON)
-    np.testing.assert_allclose(pointed @ np.swapaxes(pointed, -1, -2), np.broadcast_to(np.eye(3), A.shape), atol=1e-14)
     y = compute_penetrations(pointed, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(y @ np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=1), 0.0, atol=1e-13)
     bisector = pointed[:, 2]

@@ -72,19 +72,6 @@ def test_rate_is_the_derivative_of_the_closed_form(sway):
     np.testing.assert_allclose(profile.rate(tau), finite_difference_rate(profile.attitude, tau, h), rtol=0, atol=3e-13 / h)
 
 
-def test_sway_amplitude_and_period():
-    """It starts from and returns to the mode, and moves each axis by its amplitude."""
-    sway = Sway(np.deg2rad([0.02, 0.0, 0.0]), np.array([80.0, 1.0, 1.0]), np.zeros(3))
-    profile = Profile(ORBIT, 800.0, 1400.0, 0.0, sway=sway)
-    tau = np.array([0.0, 20.0, 40.0, 60.0])
-    away = separation(
-        convert_to_quaternion(profile.compute_tracking_attitude(tau)), convert_to_quaternion(profile.attitude(tau))
-    )
-    # exp([θ×]) is the frame turned by −θ.
-    np.testing.assert_allclose(np.rad2deg(-away[:, 0]), [0.0, 0.02, 0.0, -0.02], atol=1e-13)
-    np.testing.assert_allclose(away[:, 1:], 0.0, atol=1e-15)
-
-
 HOLDS = [
     Hold(150.0, 5400.0, 300.0, np.zeros(3)),
     Hold(150.0, 5400.0, 300.0, np.deg2rad([40.0, 0.0, 0.0])),
@@ -107,26 +94,3 @@ def test_inertial_hold(hold):
     gap = separation(path.quaternions[tracking], convert_to_quaternion(profile.attitude(tau[tracking])))
     assert np.abs(gap).max() < 1e-11
     assert (tau[tracking] > hold.stop).any()
-
-
-@pytest.mark.parametrize("missed_deg", [100.0, 150.0, 210.0, 325.0, 510.0])
-def test_hold_returns_the_short_way(missed_deg):
-    """The orbit's angle during the hold, less the fades, is made up for by at most half a turn."""
-    stop = 150.0 + 300.0 + np.deg2rad(missed_deg) / RPO
-    profile = Profile(ORBIT, 0.0, stop, MODE_YAW["-x"], hold=Hold(150.0, stop, 300.0, np.zeros(3)))
-    short = (missed_deg + 180.0) % 360.0 - 180.0
-    np.testing.assert_allclose(np.rad2deg(profile.return_rotation), [0.0, short, 0.0], atol=1e-9)
-
-
-@pytest.mark.parametrize("hold", HOLDS)
-def test_hold_rate_and_its_derivative_are_continuous(hold):
-    profile = Profile(ORBIT, 0.0, hold.stop + 100.0, MODE_YAW["-x"], hold=hold)
-    h = 1e-3
-    inside = np.linspace(hold.stop - hold.transition, hold.stop, 100)
-    steepest = np.abs(profile.rate(inside + h) - profile.rate(inside)).max() / h
-    for knot in hold.knots:
-        w = profile.rate(knot + h * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]))
-        before, across, after = (w[1] - w[0]) / h, (w[3] - w[1]) / (2 * h), (w[4] - w[3]) / h
-        # The next derivative is of the order of the steepest slope over a tenth of the transition.
-        for slope in (before, after):
-            assert np.abs(slope - across).max() < 2 * h / (0.1 * hold.transition) * steepest

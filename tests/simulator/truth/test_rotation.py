@@ -5,7 +5,6 @@ from scipy.spatial.transform import Rotation
 from simulator.truth.rotation import (
     apply_rotation_errors,
     build_turn_matrix,
-    compute_cross,
     convert_to_matrix,
     convert_to_quaternion,
     separation,
@@ -25,12 +24,6 @@ def test_a_turn_is_the_passive_exponential():
     expected = np.array([expm(-skew(axis) * angle) for angle in angles])
     np.testing.assert_allclose(build_turn_matrix(axis, angles), expected, atol=1e-14)
     np.testing.assert_allclose(turned(axis, angles, vectors), np.einsum("nij,nj->ni", expected, vectors), atol=1e-14)
-
-
-def test_cross_is_numpys():
-    a, b = np.random.default_rng(2).standard_normal((2, 7, 3))
-    np.testing.assert_allclose(compute_cross(a, b), np.cross(a, b), rtol=1e-13)
-    np.testing.assert_allclose(compute_cross(a[0], b), np.cross(a[0], b), rtol=1e-13)
 
 
 def test_quaternion_of_the_wertz_convention():

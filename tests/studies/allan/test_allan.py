@@ -15,11 +15,10 @@ from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
 from studies.allan.analysis import convert_to_display_unit, estimate_noise_terms, find_rate_step
-from studies.allan.rates import compute_constant_rate_p, find_stretches
+from studies.allan.rates import compute_constant_rate_p
 from studies.allan.report import list_remarks
 from studies.cli.main import main
 from tests.builders import piecewise_recording
-from tests.diagnosis.recordings import of_rates
 from tests.pages import checked
 
 ARW = np.deg2rad(2.6e-4)
@@ -50,17 +49,6 @@ def swaying(seed, arw=ARW):
     quaternions = (Rotation.from_quat(plain.attitudes.quaternions) * back).as_quat()
     moved = replace(plain.attitudes, quaternions=quaternions)
     return replace(plain, gyro=replace(plain.gyro, rates=rates), attitudes=moved)
-
-
-def test_a_clean_rest_has_its_stated_noise_and_no_other():
-    found = estimate_noise_terms(rest(1), "m1")
-    assert [(one.interval, one.rest) for one in found.stretches] == [("m1", True)]
-    for axis in found.axes:
-        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
-        walk = axis.fit.estimate(RANDOM_WALK)
-        assert abs(walk.value - found.arw) < 4 * walk.sigma
-        assert not axis.sinusoid.found
-        assert axis.sinusoid.upper > 0
 
 
 def test_flicker_and_a_tone_are_found_on_their_axes():
@@ -94,49 +82,13 @@ def test_a_step_in_a_rest_is_told_beside_the_ramp_that_it_makes():
     )
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_step_is_told_of_noise_that_wanders_or_of_a_drift(seed):
-    rng = np.random.default_rng(seed)
+def test_steps_are_none_of_wander_and_a_constant_rate_is_a_rest():
+    rng = np.random.default_rng(0)
     white, t = rng.standard_normal(6000), np.arange(6000) / 6000
     walk = np.cumsum(rng.standard_normal(6000))
     for course in (0 * t, 20 * t, walk, 0.1 * walk, 3 * np.exp(-10 * t), np.sin(8 * np.pi * t)):
         assert find_rate_step(white + course) is None
     assert find_rate_step(white + 2.0 * (t > 0.3)).size == pytest.approx(2.0, rel=0.1)
-
-
-def test_motion_that_the_references_show_is_no_noise():
-    found = estimate_noise_terms(swaying(3))
-    assert not any(one.rest for one in found.stretches)
-    walk = found.axes[0].fit.estimate(RANDOM_WALK)
-    assert abs(walk.value - ARW) < 4 * walk.sigma
-    assert not any(one.seen for one in found.axes[0].fit.estimates if one.term not in (RANDOM_WALK, ANGLE_WHITE))
-    # The errors of the references are of the size of angle white noise with their sigma, once an average spans several.
-    last = found.axes[0].deviation.tau_s >= 240
-    expected = 3 * np.deg2rad(0.002) ** 2 / found.axes[0].deviation.tau_s[last] ** 2
-    assert np.allclose(found.axes[0].references[last], expected, rtol=0.5)
-
-
-def slewing(seed):
-    """Rests and four slews of 60 deg that begin and end gently, at 10 Hz, with a reference every ten seconds."""
-    t_s, rates = 0.1 * np.arange(12_000), np.zeros((12_000, 3))
-    for begin, axis in zip((150, 400, 650, 900), [*np.eye(3), np.full(3, -1 / np.sqrt(3))], strict=True):
-        turning = (t_s >= begin) & (t_s < begin + 150)
-        pace = np.deg2rad(60) / 150 * (1 - np.cos(2 * np.pi * (t_s - begin) / 150))
-        rates += np.where(turning, pace, 0.0)[:, None] * axis
-    return of_rates(rates, 100, 0.1, np.deg2rad(1e-3), np.deg2rad(0.003), seed)
-
-
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_the_gentle_end_of_a_slew_is_no_noise_of_a_rest(seed):
-    """Ends at which two means of up to 160 samples differ by four sigmas belong to the slew; what is left turns by less."""
-    found = estimate_noise_terms(slewing(seed))
-    assert [one.rest for one in found.stretches] == [True] * 5
-    for axis in found.axes:
-        assert not axis.steps
-        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
-
-
-def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
     rng = np.random.default_rng(4)
     t, rate = np.arange(0.0, 6000.0, 60.0), np.deg2rad([0.01, -0.0656, 0.002])
     sigma = np.full((t.size, 3), np.deg2rad(0.005))
@@ -151,10 +103,16 @@ def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
     assert compute_constant_rate_p(t, attitudes * sway, sigma) < 1e-20
 
 
-def test_without_references_inside_it_is_said():
-    ends = simulate(scenario.load("trmm"), seed=5)
-    _, notes = find_stretches(ends, "m1")
-    assert any("slow motion counts as noise" in note for note in notes)
+def test_motion_that_the_references_show_is_no_noise():
+    found = estimate_noise_terms(swaying(3))
+    assert not any(one.rest for one in found.stretches)
+    walk = found.axes[0].fit.estimate(RANDOM_WALK)
+    assert abs(walk.value - ARW) < 4 * walk.sigma
+    assert not any(one.seen for one in found.axes[0].fit.estimates if one.term not in (RANDOM_WALK, ANGLE_WHITE))
+    # The errors of the references are of the size of angle white noise with their sigma, once an average spans several.
+    last = found.axes[0].deviation.tau_s >= 240
+    expected = 3 * np.deg2rad(0.002) ** 2 / found.axes[0].deviation.tau_s[last] ** 2
+    assert np.allclose(found.axes[0].references[last], expected, rtol=0.5)
 
 
 def test_the_command_writes_what_it_shows(tmp_path):
@@ -168,23 +126,13 @@ def test_the_command_writes_what_it_shows(tmp_path):
     terms = written["axes"]["x"]["terms"]
     assert terms[RANDOM_WALK]["value"] == pytest.approx(2 * written["stated_angle_random_walk"]["value"], rel=0.03)
     assert not terms[FLICKER]["seen"]
-    assert terms[FLICKER]["value"] is None
     assert terms[FLICKER]["upper_95"] > 0
-    page = checked(files["html"].read_text())
-    assert list(page.figures) == ["allan"]
-    assert "angle random walk" in page.words
-    assert "Made by gyrocal" in page.words
+    assert list(checked(files["html"].read_text()).figures) == ["allan"]
     assert files["svg"].read_text().startswith("<?xml")
 
 
-def test_bad_input_is_one_line(tmp_path):
+def test_an_interval_that_is_all_motion_is_refused():
     recording = rest(7)
-    with pytest.raises(InputError, match="no such interval; there are m1, m2"):
-        estimate_noise_terms(recording, "m9")
     shaken = recording.gyro.rates + np.sin(recording.gyro.t_s / 5)[:, None]
     with pytest.raises(InputError, match="no stretch of interval m2"):
         estimate_noise_terms(replace(recording, gyro=replace(recording.gyro, rates=shaken)), "m2")
-    save(recording, tmp_path / "rec")
-    result = CliRunner().invoke(main, ["allan", str(tmp_path / "rec"), "--figure", str(tmp_path / "a.pdf")])
-    assert result.exit_code == 2
-    assert "must end in .svg or .png" in result.output

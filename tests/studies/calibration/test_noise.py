@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal import GyroParameters, calibrate
 from simulator.scenario import override
 from simulator.simulate import motion, observe
 from studies.calibration import noise
 from studies.calibration.noise import SIGMAS, STUDY, compute_formal_sigmas
 from studies.montecarlo.study import load_base_scenario, load_config
-from studies.natanson import flight_gap
 from studies.report.units import PPM_DEG_H
 from tests.studies.rows import run_study
 
@@ -27,7 +26,7 @@ def rows(tmp_path_factory):
     return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("noise"))
 
 
-def test_formal_sigmas_are_those_of_a_calibration(rows):
+def test_sigmas_are_those_of_a_calibration_and_of_the_spread(rows):
     point = rows.iloc[3]
     levels = {"gyro.arw_deg_per_sqrt_s": point["arw_deg_per_sqrt_s"]}
     levels |= {f"reference.sigma_deg.{k}": point["sigma_deg"] for k in range(3)}
@@ -36,6 +35,15 @@ def test_formal_sigmas_are_those_of_a_calibration(rows):
     truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
     sigma = calibrate(recording, initial=truth, iterations=1).sigma * PPM_DEG_H
     np.testing.assert_allclose(point[SIGMAS].to_numpy(float), sigma, rtol=1e-6)
+    table = noise.build_spread_table(CONFIG, rows)
+    assert len(table) == 5 * 12
+    assert table["inside"].all()
+    halved = rows.copy()
+    halved[SIGMAS] = 0.5 * halved[SIGMAS]
+    assert not noise.build_spread_table(CONFIG, halved)["inside"].any()
+    name = "formal sigmas within the spread's interval, of 60"
+    verdicts = [noise.report(CONFIG, table).check(name).verdict for table in (rows, halved)]
+    assert verdicts == ["pass", "fail"]
 
 
 def test_shares_are_the_slopes_of_the_sigmas():
@@ -53,39 +61,3 @@ def test_shares_are_the_slopes_of_the_sigmas():
     np.testing.assert_allclose(slopes[0], share, atol=2e-4)
     np.testing.assert_allclose(slopes[1], 1 - share, atol=2e-4)
     assert 0.05 < share.min() < share.max() < 0.95
-
-
-def test_one_noise_alone_has_all_the_share():
-    shared = noise._prepare_covariances(CONFIG, 0)
-    for arw, sigma, expected in ((1e-3, 1e-8, 1.0), (1e-9, 0.01, 0.0)):
-        np.testing.assert_allclose(compute_formal_sigmas(shared, np.deg2rad(arw), np.deg2rad(sigma))[1], expected, atol=1e-6)
-
-
-def test_spread_agrees_with_the_formal_sigma_and_would_not_with_half_of_it(rows):
-    table = noise.build_spread_table(CONFIG, rows)
-    assert len(table) == 5 * 12
-    assert table["inside"].all()
-    halved = rows.copy()
-    halved[SIGMAS] = 0.5 * halved[SIGMAS]
-    assert not noise.build_spread_table(CONFIG, halved)["inside"].any()
-    name = "formal sigmas within the spread's interval, of 60"
-    verdicts = [noise.report(CONFIG, table).check(name).verdict for table in (rows, halved)]
-    assert verdicts == ["pass", "fail"]
-
-
-def test_the_last_case_is_the_flights(rows):
-    flown = rows.iloc[-1]
-    assert flown["flight"]
-    assert flown["arw_deg_per_sqrt_s"] == flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"]
-    assert flown["sigma_deg"] == pytest.approx(0.005)
-    table = noise.build_flight_table(rows)
-    assert list(table["parameter"]) == list(NAMES)
-    assert (table["limited_by"] == np.where(table["gyro_share"] > 0.5, "gyro", "references")).all()
-
-
-def test_at_the_crossing_both_noises_count_the_same(rows):
-    # The grid is coarse, so the interpolation is: the true share at the crossing is near one half, not at it.
-    shared = noise._prepare_covariances(CONFIG, 0)
-    for k, ratio in enumerate(noise.find_share_crossings(rows)):
-        share = compute_formal_sigmas(shared, ratio * np.deg2rad(0.005), np.deg2rad(0.005))[1][k]
-        assert share == pytest.approx(0.5, abs=0.03)

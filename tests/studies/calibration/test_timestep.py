@@ -5,9 +5,8 @@ import pytest
 
 from gyrocal import NAMES
 from studies.calibration import timestep
-from studies.montecarlo import engine, statistics
+from studies.montecarlo import statistics
 from studies.montecarlo.study import load_config
-from studies.natanson import flight, flight_gap
 from tests.studies.rows import run_study
 
 CASES = 60
@@ -35,17 +34,7 @@ def test_order_of_the_gyro_noise_in_the_step(rows, resampling, claimed, true):
     assert (abs(power - claimed) < 4 * uncertain + 1e-3) == true
 
 
-def test_the_gyros_part_holds_no_reference_noise(tmp_path):
-    changes = {"cases": 2, "steps_s": STEPS, "overrides.gyro.arw_deg_per_sqrt_s": 0.0}
-    rows = engine.run(timestep.STUDY, load_config(timestep.STUDY, changes=changes), tmp_path, backend="serial").load()
-    error, gyro, held, sigma = (
-        rows[[f"{label}_{name}" for name in NAMES]].to_numpy() for label in ("error", "gyro", "held", "sigma")
-    )
-    assert (np.abs(gyro - held) < 1e-6 * sigma).all()
-    assert np.abs((error - held) / sigma).max() > 0.5  # of 24 normal numbers
-
-
-def test_formal_sigmas_know_of_the_skipping(rows):
+def test_formal_sigmas_know_of_skipping_and_averaging_has_a_bias_of_second_order(rows):
     table = timestep.summarise_steps(rows)
     # Spread over formal sigma has a relative sampling error of 1/sqrt(2 CASES) a parameter; 4 of it.
     assert np.abs(table["spread_over_formal"] - 1).max() < 4 / np.sqrt(2 * CASES)
@@ -58,9 +47,6 @@ def test_formal_sigmas_know_of_the_skipping(rows):
     covariances = sigmas[:, :, None] ** 2 * np.eye(12)
     overconfident = statistics.check_mean_nees(statistics.compute_nees(errors, covariances), 12)
     assert overconfident.value > 2 * overconfident.upper
-
-
-def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
     average = timestep.summarise_steps(rows).query("resampling == 'average'").set_index("step_s")
     # Each step doubled makes four times the bias; what comes next in Δt is below 1 %.
     assert average["held_sigma"][2.0] / average["held_sigma"][1.0] == pytest.approx(4, rel=0.01)
@@ -77,37 +63,3 @@ def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
     assert (np.abs(moved - expected) < 5 * standard_error / full["formal_sigma"]).all()
     assert np.abs(moved).max() > 0.2
     assert timestep.summarise_steps(rows)["bias_z"].max() < 4  # largest of 12
-
-
-def test_spread_between_steps_is_the_angle_random_walk(rows):
-    injected = 2.6e-4  # TRMM scenario
-    steps = rows[rows["step_arw_deg_per_sqrt_s"] > 0]
-    assert set(steps["resampling"]) == {"skip"}
-    assert set(steps["step_s"]) == {1.0, 2.0, 8.0}
-    # 18 squares a case: the mean of the squares has a relative standard error of sqrt(2 / 18 / CASES); four of them.
-    for step, part in steps.groupby("step_s"):
-        if step < 8:  # there the rate held from a slew's ramp adds to it
-            assert (part["step_arw_deg_per_sqrt_s"] ** 2).mean() == pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))
-    # Negative control: four samples apart are not one.
-    double = (steps[steps["step_s"] == 2.0]["step_arw_deg_per_sqrt_s"] ** 2).mean() * 2
-    assert double != pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))
-
-
-def test_flights_spread_is_that_of_the_flight_gap(rows):
-    table = timestep.estimate_step_noise(rows).set_index("to_s")
-    assert np.sqrt((table.loc[[1.0, 2.0], "flight"] ** 2).mean()) == pytest.approx(
-        flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"], rel=1e-12
-    )
-    assert np.isnan(table.loc[8.0, "flight"])
-    assert flight.FLIGHT_STEPS_S == (0.5, 1.0, 2.0)
-
-
-def test_ways_that_are_swapped_fail(config, rows):
-    at_8_s = timestep.summarise_steps(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
-    assert at_8_s == pytest.approx(4, rel=4 * 0.06)  # sqrt(16); four relative standard errors of the spread's ratio
-    swapped = rows.assign(
-        resampling=rows["resampling"].where(
-            rows["step_s"] == 0.5, rows["resampling"].map({"skip": "average", "average": "skip"})
-        )
-    )
-    assert timestep.report(config, swapped).check("order in Δt of the gyro noise's part of the spread, skip").verdict == "fail"

@@ -9,6 +9,7 @@ from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
 from tests import ROOT
 from tests.diagnosis_cases import CASES
+from tests.pages import checked
 
 
 @pytest.fixture
@@ -39,28 +40,16 @@ def refuse(text):
     raise AssertionError(text)
 
 
-@pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize("case", CASES)
-def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
-    """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis.py."""
-    asked["case"] = case
-    page, result = tmp_path / "page.html", tmp_path / "result.json"
-    shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
-    assert shown.exit_code == 0, shown.output
-    assert shown.stderr == ""
-    assert "Limits of this recording" in shown.stdout
-    document = json.loads(result.read_text(), parse_constant=refuse)
-    assert document["format"] == 1
-    assert document["verdict"] == CASES[case]().verdict
-    assert page.read_text().startswith("<!doctype html>")
-
-
-def test_effects_are_taken_off_the_list(run_cli, asked, rec):
+def test_effects_and_stretches_are_left_out(run_cli, asked, rec):
     assert run_cli("diagnose", rec).exit_code == 0
     assert asked["library"] is None
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
     assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
+    shown = run_cli("diagnose", rec, "--exclude", "100:120.5", "--exclude", "1e3:1.1e3")
+    assert (shown.exit_code, asked["exclude"]) == (0, [(100.0, 120.5), (1000.0, 1100.0)])
+    shown = run_cli("diagnose", rec, "--exclude", "120:100")
+    assert (shown.exit_code, "give FROM:TO" in shown.stderr) == (2, True)
 
 
 def test_a_real_recording(run_cli, rec, tmp_path):
@@ -87,9 +76,55 @@ def test_documented_format_is_the_result():
     assert set(rows) >= {name for name, effect in ALL_EFFECTS.items() if effect.is_nameable}
 
 
-def test_stretches_are_left_out_by_hand_in_seconds_since_the_first_sample(run_cli, asked, rec):
-    shown = run_cli("diagnose", rec, "--exclude", "100:120.5", "--exclude", "1e3:1.1e3")
-    assert (shown.exit_code, asked["exclude"]) == (0, [(100.0, 120.5), (1000.0, 1100.0)])
-    for text in ("120:100", "100", "a:b"):
-        shown = run_cli("diagnose", rec, "--exclude", text)
-        assert (shown.exit_code, "give FROM:TO" in shown.stderr) == (2, True)
+SMALL = ("--set", "gyro.sample_s=4", "--set", "reference.every_s=240")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Folder with a recording and the scenario that its diagnosis adopts."""
+    from click.testing import CliRunner
+
+    folder = tmp_path_factory.mktemp("compare")
+    run = CliRunner().invoke
+    effect = ("--effect", "bias_orbital:z=0.4,phase_deg=60")
+    assert run(main, ["simulate", "trmm_series", str(folder / "rec"), *SMALL, *effect]).exit_code == 0
+    shown = run(main, ["diagnose", str(folder / "rec"), "--adopt", str(folder / "a.toml")])
+    assert shown.exit_code == 0
+    assert "a scenario with bias_orbital:z" in shown.stdout
+    return folder
+
+
+def test_an_adopted_scenario_closes_the_gap_and_a_changed_recording_is_refused(run_cli, made, tmp_path):
+    page, result = made / "page.html", made / "result.json"
+    shown = run_cli(
+        "compare", str(made / "rec"), str(made / "a.toml"), "--runs", "30", "--json", str(result), "--report", str(page)
+    )
+    assert shown.exit_code == 0, shown.output
+    document = json.loads(result.read_text())
+    _, adopted = document["scenarios"]
+    assert adopted["effects"] == ["bias_orbital:z"]
+    assert adopted["fitted_to_this_recording"]
+    low, high = adopted["gap"]["shrinkage_90"]
+    assert low <= 1 <= high
+    assert "SHA-256" in checked(page.read_text()).words
+    keys = re.findall(r"`(\w+)`", (ROOT / "docs" / "compare.md").read_text().split("## JSON")[1])
+    assert set(adopted) <= set(keys)
+    assert set(adopted["gap"]) <= set(keys)
+    assert set(adopted["statistics"][0]) <= set(keys)
+    text = (made / "a.toml").read_text().replace('recording = "rec"', f'recording = "{made / "other"}"')
+    (tmp_path / "b.toml").write_text(text)
+    assert run_cli("simulate", "trmm_series", str(made / "other"), *SMALL, "--seed", "9").exit_code == 0
+    shown = run_cli("compare", str(made / "rec"), str(tmp_path / "b.toml"))
+    assert shown.exit_code == 2
+    assert "not what it was" in shown.stderr
+
+
+def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
+    sizes = []
+    for seed in ("1", "2"):
+        out, truth = made / f"again{seed}", made / f"truth{seed}.json"
+        shown = run_cli("simulate", str(made / "a.toml"), str(out), "--seed", seed, "--draw", "--truth", str(truth))
+        assert shown.exit_code == 0, shown.output
+        sizes.append(json.loads(truth.read_text())["effects"][0]["size"])
+    assert sizes[0] != sizes[1]
+    assert sizes == pytest.approx([0.4, 0.4], abs=0.15)

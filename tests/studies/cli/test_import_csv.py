@@ -1,22 +1,14 @@
 """The command line of the import, and the page that says how it is used."""
 
 import json
-import re
-import shutil
-from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
-from scipy.spatial.transform import Rotation
 
 import gyrocal
-import simulator
-from gyrocal import importing
 from studies.cli.main import main
 from studies.validation import mems_log
-from tests import ROOT
 from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 
@@ -44,36 +36,13 @@ def made(folder):
     return folder / "a"
 
 
-def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder, made):
+def test_two_tables_one_table_and_a_mapping_file_are_the_same_as_json_says(run_cli, folder, made):
     (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in CORRECT_MAPPING.items()))
     second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
     assert second.exit_code == 0, second.stderr
     a, b = gyrocal.load(made), gyrocal.load(folder / "b")
     np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
     np.testing.assert_array_equal(a.gyro.apriori_bias, b.gyro.apriori_bias)
-
-
-def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, folder, made):
-    shutil.copytree(made, folder / "estimated")
-    estimated = importing.read_estimated_noise(folder / "estimated")
-    assert [text.split(" 0.")[0] for text in estimated] == ["angle random walk", "sigma of the references"]
-    done = run_cli("calibrate", str(folder / "estimated"))
-    assert done.exit_code == 0, done.stderr
-    assert "The import estimated" not in done.stdout
-    recording = gyrocal.load(folder / "estimated")
-    assert recording.gyro.arw_estimated
-    assert recording.attitudes.sigma_estimated
-    small = replace(recording, attitudes=replace(recording.attitudes, sigma=0.5 * recording.attitudes.sigma))
-    gyrocal.save(small, folder / "estimated")
-    said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
-    assert f"The import estimated this noise: {'; '.join(estimated)}." in said
-    # A recording that is no import, and one whose notes are somebody's own, say nothing.
-    assert importing.read_estimated_noise(folder) == []
-    (folder / "estimated" / importing.NOTES_FILE).write_text("assumed = 3")
-    assert importing.read_estimated_noise(folder / "estimated") == []
-
-
-def test_import_and_export_say_as_json_what_was_made(run_cli, folder, made):
     said, recording = folder / "said.json", gyrocal.load(made)
     read = json.loads((folder / "a.json").read_text())
     assert (read["folder"], read["epoch"]) == (str(made), recording.epoch)
@@ -87,42 +56,3 @@ def test_import_and_export_say_as_json_what_was_made(run_cli, folder, made):
     read = json.loads(said.read_text())
     assert read["recording"]["references"] == recording.attitudes.t_s.size
     assert sorted(read["files"]) == sorted(str(path) for path in (folder / "e").iterdir())
-
-
-def test_a_gyro_mounted_by_hand_is_refused_with_the_option_that_imports_it(run_cli, folder):
-    turn = Rotation.from_rotvec(np.deg2rad([50.0, 20.0, -30.0]))
-    table = pd.read_csv(folder / "gyro.csv")
-    table[["gx", "gy", "gz"]] = turn.apply(table[["gx", "gy", "gz"]].to_numpy())
-    table.to_csv(folder / "turned.csv", index=False)
-    arguments = ("import", "csv", str(folder / "turned.csv"), str(folder / "mocap.csv"), str(folder / "turned"), *OPTIONS)
-    refused = run_cli(*arguments)
-    assert refused.exit_code == 2
-    assert "--mounting estimate, which rotates the gyro's axes by 6" in refused.stderr
-    assert run_cli(*arguments, "--mounting", "estimate").exit_code == 0
-    done = run_cli("calibrate", str(folder / "turned"), "--json", str(folder / "turned.json"))
-    assert done.exit_code == 0, done.stderr
-    assert "Plausible ranges: 0.1 in G and 3.6e+04 deg/h in b (MEMS grade" in " ".join(done.stdout.split())
-    found = json.loads((folder / "turned.json").read_text())
-    assert found["mounting"]["angle_deg"] == pytest.approx(np.rad2deg(turn.magnitude()), abs=2.0)
-    assert found["mounting"]["change_from_apriori_deg"] < 3.0
-    assert found["warnings"] == []
-
-
-EXAMPLE, READER = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "import.md").read_text(), flags=re.DOTALL)
-
-
-def test_the_reader_of_the_page_reads_its_log(tmp_path):
-    """A recording written as the page's log, and read back."""
-    simulated = simulator.simulate(simulator.override(simulator.load("trmm_series"), {"gyro.sample_s": 10.0}), seed=1)
-    tenths = np.rad2deg(simulated.gyro.rates) * 36000
-    lines = [f"G|{t}|{x}|{y}|{z}" for t, (x, y, z) in zip(simulated.gyro.t_s, tenths, strict=True)]
-    attitudes = zip(simulated.attitudes.t_s, simulated.attitudes.quaternions, strict=True)
-    lines += [f"A|{t}|{a}|{b}|{c}|{d}" for t, (a, b, c, d) in attitudes]
-    (tmp_path / "log").write_text("\n".join(["% a log", *lines]))
-    namespace = {}
-    exec(compile(READER, "import.md", "exec"), namespace)
-    namespace["import_log"](str(tmp_path / "log"), tmp_path / "rec")
-    read = gyrocal.load(tmp_path / "rec")
-    np.testing.assert_allclose(read.gyro.rates, simulated.gyro.rates, rtol=0, atol=1e-12)
-    # The slews have no attitudes: the import states these gaps.
-    assert "gap(s) of the attitudes" in (tmp_path / "rec" / "import.toml").read_text()

@@ -3,15 +3,10 @@
 import json
 import re
 import sys
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import pandas as pd
 import pytest
-
-from gyrocal import InputError
-from studies import catalogue
-from studies.montecarlo.cases import Task, run_cases
 
 MINE = '''"""How well the mean of some noise is known."""
 
@@ -50,32 +45,6 @@ def mine(tmp_path, monkeypatch):
             del sys.modules[module]
 
 
-def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
-    out = tmp_path / "out"
-    found = run_cli("study", str(mine), "--cases", "60", "--backend", "serial", "--out", str(out), "--set", "size=30")
-    assert found.exit_code == 0, found.output
-    assert "How well the mean of some noise is known" in (out / "report.md").read_text()
-    columns = pd.read_csv(out / "columns.csv").set_index("column")
-    rows = pd.read_parquet(out / "table.parquet")
-    assert columns.loc["mean", "mean"] == pytest.approx(rows["mean"].mean(), rel=1e-5)
-    assert columns.loc["good", "mean"] == pytest.approx(rows["good"].mean(), rel=1e-5)
-    assert pd.read_csv(out / "texts.csv")["rows"].tolist() == [30, 30]
-
-
-def test_a_worker_finds_the_file_by_its_folder(mine):
-    """As a fresh process does, where neither the module nor its folder is known."""
-    study = catalogue.load_study_file(mine).study
-    path, modules = list(sys.path), [name for name in sys.modules if str(mine.stem).partition("_")[2] in name]
-    sys.path.remove(str(mine.parent))
-    for name in modules:
-        del sys.modules[name]
-    task = Task(study.name, study.config(cases=2).model_dump_json(), range(2))
-    with pytest.raises(InputError, match="cannot be imported"):
-        run_cases(task)
-    assert [row["error"] for row in run_cases(replace(task, folder=str(mine.parent))).rows] == ["", ""]
-    sys.path[:] = path
-
-
 def test_it_stops_when_told_and_ranks_what_drives_it(mine, run_cli, tmp_path):
     out = tmp_path / "out"
     arguments = ["study", str(mine), "--cases", "500", "--backend", "serial", "--out", str(out), "--until", "std(mean)<0.1"]
@@ -108,13 +77,8 @@ def test_a_script_fails_on_what_it_names_only(mine, run_cli, tmp_path):
     ("text", "message"),
     [
         ("x = 1\n", "has no STUDY"),
-        ("import nothing_of_that_name\n", "line 1: ModuleNotFoundError: No module named 'nothing_of_that_name'"),
         ("def\n", "SyntaxError"),
         ("raise SystemExit(3)\n", "line 1: SystemExit: 3"),
-        (
-            MINE.format(name="other", helper="json").replace("scale\n", "loads as scale\n"),
-            "its STUDY is called 'other:STUDY'; call it",
-        ),
     ],
 )
 def test_a_file_that_cannot_be_run_is_one_line(text, message, mine, run_cli):
@@ -123,13 +87,3 @@ def test_a_file_that_cannot_be_run_is_one_line(text, message, mine, run_cli):
     assert found.exit_code == 2
     assert message in found.stderr
     assert re.fullmatch(r"gyrocal: [^\n]*\n", found.stderr)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"), [("json.py", "another module is called json"), ("a-b.py", "cannot be imported by this name")]
-)
-def test_names_that_cannot_be_imported(name, message, mine, run_cli):
-    path = mine.rename(mine.with_name(name))
-    found = run_cli("study", str(path))
-    assert (found.exit_code, message in found.stderr) == (2, True)
-    assert "no such file" in run_cli("study", str(mine)).stderr

@@ -29,34 +29,23 @@ def recording(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(
-    ("condition", "status"), [("p<0.001", 0), ("p>0.001", 3), ("condition<1e9", 3), ("condition > 1e9", 0)]
-)
+@pytest.mark.parametrize(("condition", "status"), [("p>0.001", 3), ("condition > 1e9", 0)])
 def test_a_calibration_fails_on_a_condition(condition, status, recording, run_cli, tmp_path):
     report = tmp_path / "out.xml"
     found = run_cli("calibrate", str(recording), "--fail-on", condition, "--junit", str(report))
     assert found.exit_code == status, found.output
     assert "G_xx" in found.stdout
     suite = ElementTree.parse(report).getroot()[0]
-    assert suite.attrib == {
-        "name": "gyrocal calibrate",
-        "tests": "1",
-        "errors": "0",
-        "skipped": "0",
-        "failures": str(status // 3),
-    }
+    assert (suite.get("tests"), suite.get("failures")) == ("1", str(status // 3))
     assert suite[0].get("classname") == str(recording)
     assert len(suite[0]) == status // 3
 
 
-def test_what_is_not_known_fails():
+def test_checks_and_what_is_not_known_as_tests(tmp_path):
     assert compare_conditions(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
     assert compare_conditions(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
     with pytest.raises(InputError):
         compare_conditions(["x<1"], {"p": 0.5})
-
-
-def test_checks_as_tests(tmp_path):
     checks = [
         Check("inside", 1.0, (0.0, 2.0), "deg"),
         Check("outside", 3.0, (0.0, 2.0), "deg"),
@@ -90,9 +79,7 @@ def test_scenarios_have_titles(run_cli, tmp_path):
 @pytest.mark.parametrize(
     ("verdict", "present", "asked", "status"),
     [
-        ("unknown", True, ["gap"], 3),
         ("unknown", True, ["unknown"], 3),
-        ("named", True, ["unknown"], 0),
         ("named", True, ["unknown", "gap"], 3),
         ("none", False, ["gap", "unknown"], 0),
     ],
@@ -121,9 +108,7 @@ def saved(tmp_path_factory):
     return folder / "rec", json.loads((folder / "a.json").read_text())
 
 
-@pytest.mark.parametrize(
-    ("sigmas", "is_same", "status"), [(4, True, 1), (2.5, True, 0), (4 * 2**0.5, False, 1), (2.5 * 2**0.5, False, 0)]
-)
+@pytest.mark.parametrize(("sigmas", "is_same", "status"), [(4, True, 1), (2.5 * 2**0.5, False, 0)])
 def test_a_calibration_is_guarded_by_a_saved_one(sigmas, is_same, status, saved, run_cli, tmp_path):
     folder, document = copy.deepcopy(saved)
     document["bias_deg_s"][1] += sigmas * document["sigma_bias_deg_s"][1]
@@ -141,31 +126,7 @@ def test_a_calibration_is_guarded_by_a_saved_one(sigmas, is_same, status, saved,
     assert len(suite) == 14
     if status:
         assert run_cli(*command).exit_code == 0  # without a limit nothing fails
-        by = 3600 * sigmas * document["sigma_bias_deg_s"][1]
-        assert run_cli(*command, "--max-change", f"bias<{0.99 * by:.5g}deg/h").exit_code == 1
-        assert run_cli(*command, "--max-change", f"bias<{1.01 * by:.5g}deg/h").exit_code == 0
         assert run_cli(*command, "--max-sigma", "3", "--fail-on", "p>0").exit_code == 3
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        (lambda a: a.pop("covariance"), "it has no 'covariance'"),
-        (lambda a: a.update(covariance=[[1.0]]), "not 12×12"),
-        (lambda a: a.update(G=[1.0]), "G must be 3×3"),
-        (
-            lambda a: a.update(covariance=np.diag([1e-9] * 9 + [0.0] * 3).tolist()),
-            "this calibration: b_x, b_y, b_z",
-        ),
-    ],
-)
-def test_a_saved_result_that_cannot_be_compared_is_refused(change, text, saved, run_cli, tmp_path):
-    folder, document = copy.deepcopy(saved)
-    change(document)
-    (tmp_path / "a.json").write_text(json.dumps(document))
-    found = run_cli("calibrate", str(folder), "--against", str(tmp_path / "a.json"))
-    assert (found.exit_code, found.stdout, found.stderr.count("\n")) == (2, "", 1)
-    assert text in found.stderr
 
 
 @given(

@@ -1,28 +1,29 @@
 from dataclasses import replace
 
-import joblib
 import numpy as np
 import pytest
-from scipy.stats import kstest
 
 from diagnosis.adopt import adopt_causes
 from diagnosis.diagnose import diagnose
 from gyrocal import calibrate
-from gyrocal.errors import InputError
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
 from simulator.effects import parse
 from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
-from tests.studies.compare.recordings import recorded
+from tests.diagnosis import recordings
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
+
+
+def recorded(seed):
+    return recordings.recorded(seed, ORBITAL, sample_s=4.0)
 
 
 @pytest.fixture(scope="module")
 def orbital():
     """A recording with an effect, and the scenario that its diagnosis stands for."""
-    recording = recorded(5, ORBITAL)
+    recording = recorded(5)
     found = diagnose(recording, library=["bias_orbital"])
     adoption = adopt_causes(found)
     return recording, AdoptedScenario(
@@ -36,42 +37,13 @@ def compared(orbital):
     return compare(recording, [("adopted", scenario)], runs=60, seed=1)
 
 
-def test_an_adopted_effect_closes_the_gap(compared):
+def test_an_adopted_effect_closes_the_gap_beside_parameters_that_are_not_judged(compared):
     gap = compared.standings[1].gap
     assert gap.before_90[0] > 0
     assert gap.after_90[0] <= 0 <= gap.after_90[1]
     assert gap.shrinkage_90[0] <= 1 <= gap.shrinkage_90[1]
     assert compared.standings[0].extreme[0] > 10
     assert compared.standings[1].extreme[0] < 5
-
-
-@pytest.mark.parametrize("flights", [20, 60, 100, 150, 200])
-def test_as_many_are_out_by_chance_as_ranks_are_out_there(compared, flights):
-    """Of N flights with the recording each of N + 1 ranks is as likely."""
-    standing = replace(compared.standings[0], flights=flights)
-    ranks = np.arange(flights + 1) / flights
-    share = np.mean((ranks < 0.01) | (ranks > 0.99))
-    assert standing.by_chance == pytest.approx(share * standing.extreme[1])
-    assert standing.to_json()["extreme"]["expected"] == standing.by_chance
-
-
-def test_without_the_effect_nothing_closes(orbital):
-    recording, _ = orbital
-    found = calibrate(recording)
-    plain = AdoptedScenario("M0 again", ReplayPlan(recording, found.G, found.bias))
-    gap = compare(recording, [("plain", plain)], runs=40, seed=1).standings[1].gap
-    assert gap.shrinkage == pytest.approx(0, abs=1e-9)
-
-
-def test_a_wrong_size_leaves_a_gap(orbital):
-    recording, scenario = orbital
-    wrong = replace(scenario, effects=(replace(scenario.effects[0], size=0.6),))
-    gap = compare(recording, [("twice", wrong)], runs=40, seed=1).standings[1].gap
-    assert gap.after_90[0] > 0
-    assert gap.shrinkage_90[1] < 0.7
-
-
-def test_parameters_that_were_taken_over_are_not_judged(compared):
     table = compared.standings[1].statistics
     assert not table.loc[table["statistic"] == "parameter", "judged"].any()
     assert table.loc[table["statistic"] != "parameter", "judged"].mean() > 0.9
@@ -80,7 +52,7 @@ def test_parameters_that_were_taken_over_are_not_judged(compared):
 def test_of_another_recording_the_parameters_are_judged(orbital):
     # The next recording of the unit, flown with what the first has shown: predicted before it is looked at.
     _, scenario = orbital
-    following = recorded(6, ORBITAL)
+    following = recorded(6)
     standing = compare(following, [("predicted", scenario)], runs=60, seed=2).standings[1]
     assert not standing.fitted
     table = standing.statistics
@@ -90,9 +62,7 @@ def test_of_another_recording_the_parameters_are_judged(orbital):
     assert standing.gap.after < 0.3 * standing.gap.before
 
 
-@pytest.mark.parametrize(
-    "effect", [ORBITAL, "time_offset=0.4", "reference_orbital:x=0.02", "rate_lag=0.8", "bias_drift:y=0.01"]
-)
+@pytest.mark.parametrize("effect", [ORBITAL, "time_offset=0.4", "reference_orbital:x=0.02"])
 def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, effect):
     recording, scenario = orbital
     one = replace(scenario, effects=(parse(effect),), covariance=None)
@@ -111,39 +81,7 @@ def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     assert bench.fitted
     assert bench.W.shape[1] == 2
     dof = ruler.degrees_of_freedom
-    mean = np.mean([bench.fly(4, case).under.mean_square for case in range(120)])
-    assert mean == pytest.approx((dof - 2) / dof, abs=4 * np.sqrt(2 / dof / 120))
+    mean = np.mean([bench.fly(4, case).under.mean_square for case in range(60)])
+    assert mean == pytest.approx((dof - 2) / dof, abs=4 * np.sqrt(2 / dof / 60))
     # The posterior is that of least squares with a wide prior: tr(W C Wᵀ) is the number of amplitudes.
     assert bench.size_error * dof == pytest.approx(2, rel=0.2)
-
-
-@pytest.mark.long
-def test_percentiles_of_m0_are_uniform():
-    percentiles, held = [], 0
-    for seed in range(12):
-        standing = compare(recorded(100 + seed), [], runs=20, seed=seed).standings[0]
-        table = dict(zip(standing.names, standing.statistics["percentile"], strict=True))
-        percentiles.append([table["mean square of the calibration"], table["residual rate lag-1 correlation y"]])
-        held += standing.gap.before_90[0] <= 0 <= standing.gap.before_90[1]
-    for column in np.transpose(percentiles):
-        assert kstest(column, "uniform").pvalue > 1e-3
-    assert held >= 7  # of 12 at 90 %; fewer happen once in 1800
-
-
-@pytest.mark.parametrize("backend", ["threading", pytest.param("loky", marks=pytest.mark.long)])
-def test_jobs_change_nothing(orbital, backend):
-    """Processes take seconds to start; threads divide the flights as they do."""
-    recording, scenario = orbital
-
-    def statistics(seed, jobs):
-        return compare(recording, [("adopted", scenario)], runs=20, seed=seed, jobs=jobs).standings[1].statistics
-
-    alone = statistics(seed=1, jobs=1)
-    with joblib.parallel_config(backend=backend):
-        assert statistics(seed=1, jobs=2).equals(alone)
-    assert not statistics(seed=2, jobs=1).equals(alone)
-
-
-def test_too_few_runs_are_refused():
-    with pytest.raises(InputError, match="at least 20"):
-        compare(recorded(1), [], runs=5)

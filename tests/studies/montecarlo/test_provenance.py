@@ -1,7 +1,6 @@
 """Rows of two sources or machines never stand beside each other."""
 
 import importlib
-import json
 import subprocess
 import sys
 import textwrap
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from studies.montecarlo import manifest
 from studies.montecarlo.engine import run
 from studies.montecarlo.manifest import describe_machine, describe_provenance
 from studies.montecarlo.study import Study
@@ -86,21 +84,6 @@ def test_an_edited_study_is_refused(edit, name, my_study, tmp_path):
     assert serial(my_study(), folder).resumed == 8
 
 
-def test_a_file_that_the_study_does_not_import_counts_for_nothing(my_study, tmp_path):
-    """Also one that is written while a case runs; what the modules import, also within a function, is among the sources."""
-    study = my_study(helper="def factor(x):\n    from my_kit import gain\n\n    return gain(x)\n")
-    (tmp_path / "my_kit").mkdir()
-    (tmp_path / "my_kit" / "__init__.py").write_text("from .inner import (  # more to come\n    gain,\n)\n")
-    (tmp_path / "my_kit" / "inner.py").write_text("def gain(x):\n    return x\n")
-    own = dict.fromkeys(["helping_hand.py", "my_kit/__init__.py", "my_kit/inner.py", "my_own_study.py"])
-    before = describe_provenance(study)["sources"]
-    (tmp_path / "notes.py").write_text("x = 1\n")
-    (tmp_path / "my_kit" / "spare.py").write_text("x = 1\n")
-    describe_provenance.cache_clear()
-    assert describe_provenance(study)["sources"] == before
-    assert {name for name in before if not name.startswith(manifest.SOURCE_PACKAGES)} == set(own)
-
-
 def test_every_module_that_a_case_loads_is_a_source():
     """Python itself says what a process has loaded once a case has run; the search of the texts must find all of it."""
     code = (
@@ -115,44 +98,17 @@ def test_every_module_that_a_case_loads_is_a_source():
     assert (int(found[0]) > 50, found[1:]) == (True, ["[]", "False"])
 
 
-def on_another_machine(monkeypatch, **differences):
+def test_rows_of_another_machine_or_worker_are_refused(tmp_path, monkeypatch):
     here = describe_provenance(DRAWS)
-    monkeypatch.setattr(
-        "studies.montecarlo.engine.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
-    )
-    monkeypatch.setattr(
-        "studies.montecarlo.cases.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
-    )
-
-
-def test_a_resume_elsewhere_is_refused(tmp_path, monkeypatch):
+    elsewhere = here | {"machine": describe_machine() | {"blas": "openblas 0.3.30 Zen", "numpy": "2.0.0"}}
+    other = here | {"sources": {"here.py": "0"}}
     config = DrawsConfig(cases=12, size=3)
     run(DRAWS, config, tmp_path, backend="serial")
     (tmp_path / "parts" / "part-000001.parquet").unlink()
-    on_another_machine(monkeypatch, blas="openblas 0.3.30 Zen", numpy="2.0.0")
+    monkeypatch.setattr("studies.montecarlo.engine.describe_provenance", lambda study: elsewhere)
     with pytest.raises(InputError, match=r"computed elsewhere \(numpy: .* → 2.0.0, blas: .* → openblas 0.3.30 Zen\); choose"):
         run(DRAWS, config, tmp_path, backend="serial")
-
-
-def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
-    config = DrawsConfig(cases=4, size=3)
-    run(DRAWS, config, tmp_path, backend="serial")
-    on_another_machine(monkeypatch, simd="X86_V2")
-    assert run(DRAWS, config, tmp_path, backend="serial").resumed == 4
-    # The manifest still says what made the rows.
-    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == describe_machine()
-
-
-@pytest.mark.parametrize(
-    ("differences", "what"),
-    [
-        ({"machine": describe_machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"),
-        ({"sources": {"here.py": "0"}}, ".*here.py|.* more"),
-    ],
-)
-def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypatch):
-    there = describe_provenance(DRAWS) | differences
-    monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: there)
-    config = DrawsConfig(cases=4, size=3)
-    with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike, or undo"):
-        run(DRAWS, config, tmp_path, backend="serial")
+    monkeypatch.undo()
+    monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: other)
+    with pytest.raises(InputError, match=r"a worker differs \(.*here.py|.* more\); make them alike, or undo"):
+        run(DRAWS, config, tmp_path / "other", backend="serial")

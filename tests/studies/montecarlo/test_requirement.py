@@ -16,26 +16,13 @@ def rows(values, **columns) -> pd.DataFrame:
     return pd.DataFrame({"case": np.arange(len(values)), "error": "", "x": values} | columns)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("p99.73(pointing_deg) < 0.4 @ 90%", Requirement(99.73, "pointing_deg", "<", 0.4, 90.0)),
-        (" p1( disp:gyro.x )>-2e-3", Requirement(1.0, "disp:gyro.x", ">", -2e-3, 90.0)),
-        ("p95(x)<1@97.5 %", Requirement(95.0, "x", "<", 1.0, 97.5)),
-    ],
-)
-def test_a_requirement_is_read_and_written(text, expected):
-    assert Requirement.parse(text) == expected
-    assert Requirement.parse(str(expected)) == expected
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["x<1", "p100(x)<1", "p0(x)<1", "p99(x)<nan", "p99(x)<inf", "p99(x)=1", "p99(x)<1 @ 50%", "p99(x)<1 @ 100%", "p99<1"],
-)
-def test_what_is_no_requirement_is_refused(text):
-    with pytest.raises(InputError, match="give it as pNN"):
-        Requirement.parse(text)
+def test_a_requirement_is_read_and_written_and_what_is_none_is_refused():
+    assert Requirement.parse("p99.73(deg) < 0.4 @ 90%") == Requirement(99.73, "deg", "<", 0.4, 90.0)
+    expected = Requirement(1.0, "disp:gyro.x", ">", -2e-3, 97.5)
+    assert Requirement.parse(" p1( disp:gyro.x )>-2e-3@97.5 %") == Requirement.parse(str(expected)) == expected
+    for text in ("x<1", "p100(x)<1", "p99(x)<nan", "p99(x)<1 @ 50%"):
+        with pytest.raises(InputError, match="give it as pNN"):
+            Requirement.parse(text)
 
 
 def test_run_counts_are_the_published_ones():
@@ -57,35 +44,6 @@ def test_run_counts_are_the_smallest_by_the_binomial_law(success, risk, beyond):
     assert (before.outcome, before.fewest) == ("undecided", 1)
 
 
-@pytest.mark.parametrize(("cases", "beyond"), [(852, 0), (1000, 2), (3000, 20), (3000, 9), (500, 5), (1, 1)])
-def test_answers_are_those_of_clopper_and_pearson(cases, beyond):
-    test = stats.binomtest(beyond, cases)
-    high = test.proportion_ci(0.8, method="exact").high  # each end of it with 90 %
-    low = test.proportion_ci(0.8, method="exact").low
-    expected = (
-        "met"
-        if high <= THREE_SIGMA.failure_probability
-        else "not met"
-        if low >= THREE_SIGMA.failure_probability
-        else "undecided"
-    )
-    assert THREE_SIGMA.judge_counts(cases, beyond).outcome == expected
-
-
-def test_further_cases_decide():
-    few = THREE_SIGMA.judge_counts(1000, 2)
-    assert few.fewest == 970  # 1970 runs with two failures
-    assert THREE_SIGMA.judge_counts(1000 + few.fewest, 2).outcome == "met"
-    again = round(0.002 * (1000 + few.expected))
-    assert THREE_SIGMA.judge_counts(round(1000 + few.expected), again).outcome == "met"
-    assert THREE_SIGMA.judge_counts(round(1000 + 0.9 * few.expected), again).outcome == "undecided"
-    many = THREE_SIGMA.judge_counts(1000, 4)
-    assert many.outcome == "undecided"
-    again = round(0.004 * (1000 + many.expected))
-    assert THREE_SIGMA.judge_counts(round(1000 + many.expected), again).outcome == "not met"
-    assert "no number at the share so far" in str(THREE_SIGMA.judge_counts(10_000, 27))
-
-
 def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
     table = rows(np.full(1000, 0.1))
     assert THREE_SIGMA.judge(table).beyond == 0
@@ -96,15 +54,6 @@ def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
     assert (answer.cases, answer.beyond, answer.failed, answer.empty) == (1000, 3, 1, 1)
     assert str(Requirement.parse("p50(x)>0.1").judge(rows([1.0, np.inf, -np.inf]))).count("among them 1 infinite") == 1
     assert "3 of 1000 cases are beyond the limit, among them 1 failed and 1 without a value" in str(answer)
-
-
-def test_truth_values_are_numbers_and_texts_are_not():
-    good = np.array([True] * 300, dtype=object)
-    assert Requirement.parse("p1(good)>0.5").judge(rows(np.ones(300), good=good)).outcome == "met"
-    with pytest.raises(InputError, match="holds no numbers"):
-        Requirement.parse("p1(good)>0.5").judge(rows(np.ones(3), good=["a"] * 3))
-    with pytest.raises(InputError, match="did you mean good"):
-        Requirement.parse("p1(god)>0.5").judge(rows(np.ones(3), good=True))
 
 
 def test_cases_that_depend_on_each_other_are_refused():
@@ -137,7 +86,6 @@ def test_a_study_answers_and_answers_again_without_computing(tmp_path, run_cli):
     assert (out / "table.parquet").read_bytes() == before
     assert "p50(x) < -1 @ 90 %: not met" in (out / "report.md").read_text()
     assert pd.read_csv(out / "checks.csv")["verdict"].tolist() == ["pass", "fail"]
-    assert pd.read_csv(out / "tolerance.csv")["column"].tolist() == ["x"]
     listed = json.loads((out / "manifest.json").read_text())["requirements"]
     assert listed == json.loads((tmp_path / "o.json").read_text())["requirements"]
     assert [one["outcome"] for one in listed] == ["met", "not met"]

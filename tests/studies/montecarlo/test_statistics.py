@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.stats
 from hypothesis import given, settings
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from studies.calibration import summaries
 from studies.montecarlo import statistics
-from studies.report import entry
 
 N, P = 400, 3
 
@@ -28,12 +26,6 @@ def cases():
     return errors, covariances
 
 
-def test_calibrated_passes(cases):
-    check = statistics.check_mean_nees(statistics.compute_nees(*cases), P)
-    assert check.is_inside
-    assert check.lower < P < check.upper
-
-
 @pytest.mark.parametrize(("scale", "shift"), [(1.5, 0.0), (0.7, 0.0), (1.0, 1.0)])
 def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
     errors, covariances = cases
@@ -41,12 +33,9 @@ def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
     assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).is_inside
 
 
-def test_nees_bounds_are_those_of_chi_square():
+def test_bounds_and_intervals_are_those_of_closed_forms():
     check = statistics.check_mean_nees(np.full(200, 12.0), 12, confidence=0.95)
     assert scipy.stats.chi2.cdf(200 * check.upper, 2400) - scipy.stats.chi2.cdf(200 * check.lower, 2400) == pytest.approx(0.95)
-
-
-def test_coverage_and_its_interval():
     errors = np.array([[0.5, 2.5], [-0.9, 0.1], [1.1, 3.5], [-1.9, 0.0]])
     assert summaries.count_covered(errors, np.ones((4, 2)), "68") == (4, 8)
     assert summaries.count_covered(errors, np.ones((4, 2)), "95") == (6, 8)
@@ -54,40 +43,20 @@ def test_coverage_and_its_interval():
     low, high = statistics.compute_binomial_interval(95, 100)
     assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)  # Wilson's, by hand
     assert statistics.compute_binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
-
-
-def test_distribution_places_the_flight_value():
-    samples = np.arange(10.0)[:, None] * np.ones((1, 3))
-    table = summaries.summarise_distribution(samples, np.array([-1.0, 4.0, 100.0]))
-    np.testing.assert_allclose(table["flight_percentile"], [0, 45, 100])
-    np.testing.assert_allclose(table["mean"], 4.5)
-    assert summaries.summarise_distribution(samples)["flight"].isna().all()
-
-
-def test_accuracy_table_finds_a_bias(cases):
-    errors, covariances = cases
-    sigma = np.sqrt(np.einsum("nii->ni", covariances))
-    table = summaries.tabulate_accuracy(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
-    significant = table["bias_in_standard_errors"].abs() > 4
-    assert significant.tolist() == [False, True, False]
-
-
-@pytest.mark.parametrize("share", [0.90, 0.95])
-@pytest.mark.parametrize("n", [100, 150, 400])
-def test_tolerance_intervals_cover_as_often_as_they_say(share, n):
-    """Of 10⁴ repeats, within 1 %; the sampling error of a share is 0.3 %."""
-    for law in (scipy.stats.uniform, scipy.stats.norm, scipy.stats.expon, scipy.stats.t(3), scipy.stats.lognorm(1.0)):
-        samples = law.rvs(size=(10_000, n), random_state=np.random.default_rng(1))
-        ends = statistics.compute_tolerance_interval(samples, share, share)
-        content = law.cdf(ends[:, 1]) - law.cdf(ends[:, 0])
-        assert np.mean(content >= share) == pytest.approx(share, abs=0.01)
-
-
-def test_too_few_values_have_no_tolerance_interval():
     assert np.isnan(statistics.compute_tolerance_interval(np.arange(92.0))).all()  # of Wilks: 93 for 95 % with 95 %
     low, high = statistics.compute_tolerance_interval(np.arange(93.0))
     assert (low, round(high, 2)) == (0.0, 92.0)
     assert np.isnan(statistics.compute_tolerance_interval([])).all()
+
+
+@pytest.mark.parametrize(("share", "n"), [(0.90, 100), (0.95, 400)])
+def test_tolerance_intervals_cover_as_often_as_they_say(share, n):
+    """Of 10⁴ repeats, within 1 %; the sampling error of a share is 0.3 %."""
+    for law in (scipy.stats.uniform, scipy.stats.t(3), scipy.stats.lognorm(1.0)):
+        samples = law.rvs(size=(10_000, n), random_state=np.random.default_rng(1))
+        ends = statistics.compute_tolerance_interval(samples, share, share)
+        content = law.cdf(ends[:, 1]) - law.cdf(ends[:, 0])
+        assert np.mean(content >= share) == pytest.approx(share, abs=0.01)
 
 
 VALUES = st.lists(st.sampled_from([math.inf, *np.linspace(-1.0, 1.0, 9)]), min_size=1, max_size=300)
@@ -101,21 +70,3 @@ def test_infinite_values_count_as_very_large_ones(values, share):
     found = [statistics.compute_quantile(values, share), *statistics.compute_tolerance_interval(values, 0.8, 0.8)]
     large = [np.quantile(huge, share), *statistics.compute_tolerance_interval(huge, 0.8, 0.8)]
     np.testing.assert_allclose(found, np.where(np.array(large) > 1e200, math.inf, large), rtol=1e-12, atol=1e-12)
-
-
-def test_a_report_says_of_how_many_cases_it_is():
-    lock = np.where(np.arange(200) % 10 < 3, np.inf, 20.0 + np.arange(200) / 200)
-    rows = pd.DataFrame({"case": np.arange(200), "error": "", "lock_s": lock, "time_s": np.where(np.isinf(lock), np.nan, lock)})
-    rows["none_s"] = None
-    table = entry.report_columns(None, rows).tables["columns"].data.set_index("column")
-    assert table[["rows", "missing", "infinite"]].T.to_dict("list") == {
-        "lock_s": [200, 0, 60],
-        "time_s": [140, 60, 0],
-        "none_s": [0, 200, 0],
-    }
-    assert table.loc["lock_s", ["mean", "standard_error", "spread"]].isna().all()
-    assert (table.loc["lock_s", "median"] < 21, table.loc["lock_s", "p95"]) == (True, math.inf)
-    assert table.loc["time_s", "mean"] == pytest.approx(rows["time_s"].mean())
-    ends = entry.build_tolerance_table(rows).data.set_index("column")
-    assert ends.loc["lock_s", ["cases", "missing", "infinite", "high"]].tolist() == [200, 0, 60, math.inf]
-    assert ends.loc["time_s", ["cases", "missing", "infinite"]].tolist() == [140, 60, 0]

@@ -1,6 +1,5 @@
 import json
 import math
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -10,31 +9,19 @@ import scipy.stats
 from gyrocal.errors import InputError
 from studies.montecarlo.criteria import FIRST, StoppingRule, list_checkpoints
 from studies.montecarlo.engine import run
-from tests.engine_studies import DRAWS, STEPS, DrawsConfig
+from tests.engine_studies import DRAWS, DrawsConfig
 
 
 def rows(values, column="x") -> pd.DataFrame:
     return pd.DataFrame({"case": np.arange(len(values)), "error": "", column: values})
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("sigma_G_xx<1e-6", StoppingRule("mean", "sigma_G_xx", 1e-6)),
-        (" p95( disp:gyro.x ) < 0.5 ", StoppingRule("p95", "disp:gyro.x", 0.5)),
-        ("failed<0.01", StoppingRule("mean", "failed", 0.01)),
-    ],
-)
-def test_a_criterion_is_read(text, expected):
-    assert StoppingRule.parse(text) == expected
-
-
-@pytest.mark.parametrize(
-    "text", ["x", "x<", "x<0", "x<-1", "x<nan", "x<inf", "x>1", "max(x)<1", "p00(x)<1", "<1", "x<1 and y<1"]
-)
-def test_what_is_no_criterion_is_refused(text):
-    with pytest.raises(InputError, match="give it as COLUMN<LIMIT"):
-        StoppingRule.parse(text)
+def test_a_criterion_is_read_and_what_is_none_is_refused():
+    assert StoppingRule.parse("sigma_G_xx<1e-6") == StoppingRule("mean", "sigma_G_xx", 1e-6)
+    assert StoppingRule.parse(" p95( disp:gyro.x ) < 0.5 ") == StoppingRule("p95", "disp:gyro.x", 0.5)
+    for text in ("x", "x<0", "x<nan", "max(x)<1", "p00(x)<1"):
+        with pytest.raises(InputError, match="give it as COLUMN<LIMIT"):
+            StoppingRule.parse(text)
 
 
 def test_half_widths_are_those_of_other_implementations():
@@ -52,11 +39,11 @@ def test_half_widths_are_those_of_other_implementations():
     assert StoppingRule("mean", "x", 1.0).half_width(good) == pytest.approx((interval.high - interval.low) / 2, rel=1e-9)
 
 
-@pytest.mark.parametrize("statistic", ["mean", "std", "median", "p90"])
+@pytest.mark.parametrize("statistic", ["std", "p90"])
 def test_intervals_of_that_half_width_cover(statistic):
     rng = np.random.default_rng(5)
-    truth = {"mean": 1.0, "std": 1.0, "median": math.log(2), "p90": math.log(10)}[statistic]  # of the exponential distribution
-    point = {"mean": np.mean, "std": lambda y: np.std(y, ddof=1), "median": np.median, "p90": lambda y: np.quantile(y, 0.9)}
+    truth = {"std": 1.0, "p90": math.log(10)}[statistic]  # of the exponential distribution
+    point = {"std": lambda y: np.std(y, ddof=1), "p90": lambda y: np.quantile(y, 0.9)}
     tries, covered = 150, 0
     for _ in range(tries):
         values = rng.exponential(size=400)
@@ -65,7 +52,7 @@ def test_intervals_of_that_half_width_cover(statistic):
     assert covered >= 126
 
 
-def test_too_few_or_odd_values_are_never_enough():
+def test_too_few_odd_or_absent_values_are_never_enough(tmp_path):
     for values in ([], [1.0], [1.0, math.inf, 2.0]):
         assert StoppingRule("mean", "x", 1.0).half_width(rows(values)) == math.inf
     assert StoppingRule("p99", "x", 1.0).half_width(rows(np.arange(50.0))) == math.inf
@@ -73,42 +60,15 @@ def test_too_few_or_odd_values_are_never_enough():
     assert StoppingRule("mean", "failed", 1.0).half_width(rows(np.zeros(64))) == pytest.approx(0.028, abs=0.001)
     with pytest.raises(InputError, match="holds no numbers"):
         StoppingRule("mean", "x", 1.0).half_width(rows(["a", "b"]))
+    with pytest.raises(InputError, match="gyr: the rows have no such column; did you mean gyro"):
+        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=StoppingRule("mean", "gyr", 0.1))
 
 
-def test_infinite_values_count_and_missing_ones_are_named():
-    """Three cases in ten never lock: the median is known, the 95th percentile and the mean are not."""
-    values = np.random.default_rng(1).gamma(2.0, size=300)
-    table = rows(np.where(np.arange(300) % 10 < 3, np.inf, values))
-    huge = rows(np.where(np.arange(300) % 10 < 3, 1e300, values))
-    assert StoppingRule("median", "x", 1.0).half_width(table) == StoppingRule("median", "x", 1.0).half_width(huge) < 1
-    for statistic in ("p95", "mean", "std"):
-        assert StoppingRule(statistic, "x", 1.0).half_width(table) == math.inf
-    table.loc[:4, "x"] = None
-    assert StoppingRule("p95", "x", 1.0).describe_values(table) == "of 295 cases, 5 more have no value, 87 are infinite"
-    assert StoppingRule("mean", "x", 1.0).describe_values(table).endswith("infinite, so there is no mean")
-
-
-def test_rows_of_a_case_count_once():
-    values = np.random.default_rng(2).standard_normal(50)
-    doubled = pd.concat([rows(values), rows(values)])
-    assert StoppingRule("mean", "x", 1.0).half_width(doubled) == StoppingRule("mean", "x", 1.0).half_width(rows(values))
-
-
-def test_looks_are_whole_chunks_and_end_with_all():
-    found = list(list_checkpoints(1000, 7))
-    assert found[0] >= FIRST
-    assert found[-1] == 1000
-    assert all(count % 7 == 0 for count in found[:-1])
-    assert all(1.2 < b / a < 1.4 for a, b in pairwise(found[:-1]))
-    assert list(list_checkpoints(10, 1)) == [10]
-
-
-@pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])
-def test_a_study_stops_when_it_has_enough(backend, tmp_path):
+def test_a_study_stops_when_it_has_enough(tmp_path):
     config = DrawsConfig(cases=1000, size=3, fail=(5,))
 
     def ask(limit):
-        return run(DRAWS, config, tmp_path, backend=backend, jobs=2, until=StoppingRule("mean", "gyro", limit))
+        return run(DRAWS, config, tmp_path, backend="serial", until=StoppingRule("mean", "gyro", limit))
 
     first = ask(0.2)
     table = first.load()
@@ -120,30 +80,9 @@ def test_a_study_stops_when_it_has_enough(backend, tmp_path):
     assert StoppingRule("mean", "gyro", 0.2).half_width(table[table["case"] < before]) >= 0.2
     document = json.loads((tmp_path / "manifest.json").read_text())
     assert (document["cases"], document["done"], document["config"]["cases"]) == (first.cases, first.cases, 1000)
-    values = f"of {first.cases - 1} cases"
-    asked = {"asked": "half-width of mean(gyro) < 0.2", "half_width": enough, "values": values, "met": True}
-    assert document["until"] == asked
-    assert f"half-width of mean(gyro) < 0.2 is met: {enough:.3g} {values}" in first.summary()
+    assert (document["until"]["half_width"], document["until"]["met"]) == (enough, True)
     # Asked again it computes nothing, asked for more it goes on; the first rows stay.
     assert ask(0.2).resumed == first.cases
     more = ask(0.12)
     assert more.resumed == first.cases < more.cases
     assert more.load().head(first.cases).equals(table)
-
-
-def test_a_study_that_never_has_enough_says_so(tmp_path):
-    outcome = run(STEPS, DrawsConfig(cases=70), tmp_path, backend="serial", until=StoppingRule("mean", "draw", 1e-9))
-    assert outcome.cases == 70
-    assert "is NOT met" in outcome.summary()
-
-
-def test_columns_that_are_not_there_and_studies_that_cannot_stop(tmp_path):
-    with pytest.raises(InputError, match="gyr: the rows have no such column; did you mean gyro"):
-        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=StoppingRule("mean", "gyr", 0.1))
-    stratified = DrawsConfig.model_validate_json(
-        json.dumps(
-            {"sampler": "lhs", "dispersions": {"gyro.arw_deg_per_sqrt_s": {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}}
-        )
-    )
-    with pytest.raises(InputError, match="--until needs cases of which the first ones are a sample"):
-        run(DRAWS, stratified, tmp_path / "b", backend="serial", until=StoppingRule("mean", "gyro", 0.1))

@@ -13,7 +13,7 @@ from rich.console import Console
 from scipy import stats
 
 import simulator
-from gyrocal import GyroParameters, calibrate, save
+from gyrocal import GyroParameters, calibrate
 from gyrocal.calibration.remainder_processes import Remainder
 from studies.report import calibration as report
 from studies.report.pages import ProvenanceFooter
@@ -35,6 +35,7 @@ def result(recording):
     return calibrate(recording)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_page_is_whole(result):
     page = checked(report.build_calibration_page(result, "Held-out.", made=MADE).render_html())
     assert set(page.figures) == {"forest", "residuals", "correlation-map"}
@@ -44,12 +45,6 @@ def test_page_is_whole(result):
     for name in result.solved_for:
         assert name in page.words
     assert MADE.sha256 in page.words
-
-
-def test_residuals_are_the_results_own(result):
-    roll = result.residuals["after_roll_deg"]
-    said = report.list_answers(result)["How large are the residuals (RMS)?"]
-    assert f"to {np.sqrt(np.mean(roll**2)):.4f} deg; pitch" in said
 
 
 def test_correlations_are_those_of_the_covariance(result):
@@ -72,7 +67,7 @@ def test_correlations_are_those_of_the_covariance(result):
     bias=st.sampled_from([0.0, 1.0]),
     range_G=st.sampled_from([0.1, 1e-9]),
 )
-@settings(max_examples=30)
+@settings(max_examples=12)
 def test_terminal_and_json_state_one_verdict(result, size, dof, remainder_p, converged, iterations, bias, range_G):
     wider = Remainder((), 2.0, 9.0, remainder_p, 4 * result.covariance) if remainder_p is not None else None
     other = dataclasses.replace(
@@ -120,12 +115,3 @@ def test_the_verdict_counts_what_the_data_do_not_determine(recording):
     free = calibrate(simulator.simulate(short, seed=1), plausible_G=1e-6, apriori_covariance=np.diag([1e-6] * 9 + [1e-12] * 3))
     assert any("combinations are not determined by the data" in text for text in free.verdict.reasons)
     assert "gyrocal plan" in report.recommend_next_step(free)
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_the_command_writes_it(run_cli, tmp_path, recording):
-    save(recording, tmp_path / "rec")
-    page = tmp_path / "page.html"
-    done = run_cli("calibrate", str(tmp_path / "rec"), "--report", str(page), "--solve-for", "all,-misalignment")
-    assert done.exit_code == 0, done.stderr
-    assert "SHA-256 of samples" in checked(page.read_text()).words

@@ -12,19 +12,13 @@ from rich.console import Console
 
 from diagnosis.answer import RemainderSummary
 from diagnosis.budget import Step
-from diagnosis.result import Details
-from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.report import diagnosis as report
 from studies.report import diagnosis_figures
-from tests.diagnosis_cases import CASES, regressors, residuals
+from tests.diagnosis_cases import CASES
 from tests.pages import checked
 
-FIGURES = {
-    "named": {"cause-bias_orbital-z"},
-    "pair": {"cause-bias_orbital-z", "cause-g_matrix_step-z"},
-    "group": {"cause-time_offset"},
-}
+FIGURES = {"pair": {"cause-bias_orbital-z", "cause-g_matrix_step-z"}, "group": {"cause-time_offset"}}
 
 
 def summary(diagnosis):
@@ -37,23 +31,8 @@ def answers(diagnosis):
     return [report.format_headline(diagnosis), report.describe_closure(diagnosis), *report.list_answers(diagnosis).values()]
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_terminal_begins_with_the_answers_and_has_the_tables(case):
-    diagnosis = CASES[case]()
-    shown = summary(diagnosis)
-    joined = " ".join(shown.split())
-    assert joined.startswith(f"Diagnosis of {diagnosis.recording}: {report.format_headline(diagnosis)}.")
-    assert f"Verdict: {diagnosis.verdict}." in joined
-    assert all(cause.label in shown for cause in diagnosis.causes)
-    assert ("No misfit" in shown) == (case == "none")
-    assert ("of the misfit on held-out data" in shown) == (case in ("named", "pair", "group"))
-    assert ("change in sigma" in shown) == (case in ("named", "pair", "group"))
-    assert "nan" not in shown.lower().split()
-    assert diagnosis.notes[0] in shown
-
-
 @pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["pair", "group", "unknown"])
 def test_page_begins_with_the_answers_in_plain_words(case):
     diagnosis = CASES[case]()
     text = report.build_diagnosis_page(diagnosis).render_html()
@@ -90,28 +69,6 @@ def test_pointing_is_the_largest_turn_within_an_orbit():
     assert "in the samples" in describe(table.iloc[:0], 5400.0)
 
 
-def test_unlikely_tables():
-    """Empty tables, references at the ends only, one interval, odd names."""
-    base = CASES["named"]()
-    ends = residuals(True, series_s=4500.0)
-    few = ends[ends["interval"] == "m2"].assign(interval="a_very_long_name_of_$an$_interval with words")
-    empty = {name: getattr(base.details, name).iloc[:0] for name in ("statistics", "explanations", "stream", "regressors")}
-    odd = dataclasses.replace(base, details=dataclasses.replace(base.details, residuals=few, **empty))
-    assert set(checked(report.build_diagnosis_page(odd).render_html()).figures) == {"residuals"}
-
-
-def test_many_references_and_intervals_stay_small():
-    base = CASES["named"]()
-    parts = [residuals(True, series_s=20.0, seed=k).assign(interval=lambda t, k=k: t["interval"] + f".{k}") for k in range(3)]
-    table = pd.concat(parts, ignore_index=True)
-    table.loc[table["interval"] == "m3.1", "before_y"] += 1.0
-    details = dataclasses.replace(base.details, residuals=table, regressors=regressors(base.causes, table))
-    text = report.build_diagnosis_page(dataclasses.replace(base, details=details)).render_html()
-    assert len(text.encode()) < 1_500_000
-    assert "The 8 of 18 intervals with the largest residuals" in text
-    assert "m3.1" in diagnosis_figures.select_largest_intervals(table)
-
-
 def test_the_answers_state_no_more_than_is_sure():
     base, group = CASES["unknown"](), CASES["group"]()
     alternatives = ((("bias_drift:y",), 0.5), (("a remainder",), 0.49), (("rate_lag",), 0.001))
@@ -124,64 +81,10 @@ def test_the_answers_state_no_more_than_is_sure():
     alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
     likely = dataclasses.replace(group, causes=(alone,))
     assert report.format_headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
-
-
-def test_every_stage_has_a_remedy():
-    assert set(report.REMEDIES) >= set(STAGE_NAMES)
-    assert "time tags" in report.describe_next_step(CASES["group"]())
-    assert report.describe_next_step(CASES["none"]()) == "Use the calibration as it is."
-    assert CASES["unknown"]().where[0].interval in report.describe_next_step(CASES["unknown"]())
-
-
-def test_a_misfit_matters_where_it_exceeds_the_stated_noise_by_a_half():
-    """A whitened mean square of 4 is twice the stated sigma; one of 1.21 is a tenth more."""
-    base = CASES["named"]()
-    large, small = (dataclasses.replace(base, budget=(Step("baseline", one, 0.1),)) for one in (4.0, 1.21))
-    assert report.describe_misfit_size(large).startswith("Yes. It adds 0.087 deg to an attitude over ")
-    assert report.describe_misfit_size(small).startswith("Hardly. It adds 0.042 deg")
-    assert report.format_headline(small).startswith("Significant but small: ")
-    assert report.build_diagnosis_page(small).answer.kind == "open"
-    assert report.build_diagnosis_page(large).answer.kind == "gap"
-    assert "attitudes fit" in report.describe_misfit_size(dataclasses.replace(base, budget=()))
-
-
-def test_a_calibration_is_recommended_for_what_the_motions_show():
-    base = CASES["none"]()
-    some = dataclasses.replace(base, unobserved=("G_xx", "b_y"))
-    assert report.describe_next_step(some) == "Use the calibration but for G_xx and b_y, which these motions do not show."
-    every = dataclasses.replace(base, unobserved=tuple(map(str, range(12))))
-    assert report.describe_next_step(every).startswith("Keep the calibration that the gyro had")
-    assert "determine neither G nor b" in report.format_headline(every)
-
-
-def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
-    """The first observation, of references up to 20 s, is at 10 s."""
-    residuals = pd.DataFrame({"interval": "slews", "t_s": 1010.0 + 20.0 * np.arange(5)})
-    statistics = pd.DataFrame({"interval": ["slews", "slews", "rest"], "start_s": [30.0, 10.0, 0.0]})
-    details = Details(residuals, statistics, *[pd.DataFrame()] * 3)
-    assert report._locate_interval(1064.0, details) == ", in slews, 64 s after its start"
-
-
-def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
-    table = report.tabulate_calibration_change(CASES["named"]()).set_index("parameter")
-    assert table.loc["G_zz", ["change", "sigma", "unit", "change in sigma"]].tolist() == ["120", "21", "ppm", "+5.7"]
-    assert table.loc["b_z", ["change", "sigma", "unit"]].tolist() == ["0.0800", "0.0090", "deg/h"]
-    assert table.loc["b_x", "baseline"] == "-0.540"
-
-
-def test_the_calibration_is_trusted_only_with_the_causes_in_the_model():
-    still = CASES["stream"]()
-    rounded = dataclasses.replace(still, G=still.G + 1e-5 * still.sigma_G)
-    assert report.describe_calibration_change(rounded) == "The causes change nothing in the calibration."
-    assert report.is_calibration_changed(dataclasses.replace(still, bias=still.bias + 0.01 * still.sigma_bias))
-    for case in ("unknown", "not identifiable"):
-        found = dataclasses.replace(CASES[case](), causes=(), present=True)
-        assert "Do not trust the sigmas" in report.describe_calibration_change(found)
-    nothing = dataclasses.replace(CASES["none"](), causes=())
-    assert report.describe_calibration_change(nothing) == "The calibration is that of the baseline."
-    beside = dataclasses.replace(CASES["named"](), verdict="unknown")
-    assert report.describe_calibration_change(beside).endswith("Do not trust the sigmas.")
-    assert "trust" not in report.describe_calibration_change(CASES["named"]())
+    scattered = dataclasses.replace(CASES["named"]().closure, closed=4.22, interval_90=(1.25, 7.19))
+    said = report.describe_closure(dataclasses.replace(CASES["named"](), closure=scattered))
+    assert said.startswith("The held-out data show too little of the misfit")
+    assert "422" not in said
 
 
 @pytest.mark.usefixtures("blank_figures")
@@ -194,17 +97,8 @@ def test_a_partial_answer_states_the_share_of_its_causes_and_the_largest_source_
     said = "are 0.52 s late; this removes 7 % of the misfit, 93 % is not explained (0.087 deg beside 0.05 deg as stated)"
     assert report.format_headline(one).endswith(said)
     assert report.describe_next_step(one).startswith("Look at the reference attitudes first")
-    two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
-    assert ", the first of 2 causes; together they remove 7 % of the misfit" in report.format_headline(two)
     whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))
     assert len(diagnosis_figures.draw_waterfall(whole.budget).axes) == 1
     page = checked(report.build_diagnosis_page(whole).render_html())
     assert {"budget", "residuals"} <= set(page.figures)
     assert "No identified cause explains 93 % (87 to 96 %) of the misfit." in page.words
-
-
-def test_a_share_that_held_out_data_hardly_show_is_not_stated():
-    scattered = dataclasses.replace(CASES["named"]().closure, closed=4.22, interval_90=(1.25, 7.19))
-    said = report.describe_closure(dataclasses.replace(CASES["named"](), closure=scattered))
-    assert said.startswith("The held-out data show too little of the misfit")
-    assert "422" not in said

@@ -1,17 +1,14 @@
 """The one template of all pages: names, titles and messages of a file are text in it, never a part of the page."""
 
-import base64
 import hashlib
 import json
 from html import escape
 
 import pandas as pd
 import pytest
-from markupsafe import Markup
 
-from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from tests import ROOT
-from tests.pages import checked
 
 SAID = '<script>alert("a & b")</script>'
 PICTURE = b'<svg width="72pt" height="72pt" viewBox="0 0 72 72"><g/></svg>'
@@ -24,19 +21,13 @@ def picture(alt="", caption=""):
 
 ITEMS = {
     "paragraph": SAID,
-    "quiet paragraph": SmallParagraph(SAID),
-    "list": [SAID],
     "term": {SAID: "a"},
     "definition": {"a": SAID},
     "cell": PageTable(pd.DataFrame({"a": [SAID]})),
-    "column": PageTable(pd.DataFrame({SAID: ["a"]})),
-    "label of a table": PageTable(pd.DataFrame({"a": ["a"]}), label=SAID),
-    "caption of a figure": picture(caption=SAID),
     "words for a figure": picture(alt=SAID),
 }
 PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()} | {
     "heading": Page("t", [Section(SAID, [])]),
-    "heading of the page": Page(SAID, [], short="t"),
     "title": Page("t", [], short=SAID),
     "answer": Page("t", [], Answer("", picture(), SAID, {})),
     "footer": Page("t", [], made=ProvenanceFooter("1", "2026-01-01", SAID)),
@@ -48,20 +39,6 @@ def test_what_is_said_is_text(name):
     page = PAGES[name].render_html()
     assert "<script" not in page
     assert escape(SAID).replace("&quot;", "&#34;") in page.replace("&quot;", "&#34;")
-
-
-def test_a_cell_of_markup_stays_so_and_numbers_are_at_the_right():
-    frame = pd.DataFrame({"size_deg": [1.25, 2.5], "what": [Markup("<b>1</b>"), "x"]}, dtype=object)
-    page = Page("t", [Section("s", [PageTable(frame, [False, True])])]).render_html()
-    assert '<th scope="col" class="number">size (deg)</th><th scope="col">what</th>' in page
-    assert '<tr><td class="number">1.25</td><td><b>1</b></td></tr>' in page
-    assert '<tr class="strong"><td class="number">2.5</td>' in page
-
-
-def test_a_figure_is_within_the_page():
-    page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).render_html()
-    assert f"data:image/svg+xml;base64,{base64.b64encode(PICTURE).decode()}" in page
-    assert set(checked(page).figures) == {"f"}
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)

@@ -1,51 +1,19 @@
 """Tables for people have units and few digits; files have the numbers; a report has its files by their names."""
 
 import io
+import math
 
 import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
 
-from studies.report import entry, panels, tables
-from studies.report.checks import Check
+from studies.report import checks, entry, panels
+from studies.report.checks import Check, bound_above, bound_below
 from studies.report.tables import Table
-from studies.report.units import format_heading
 from tests.pages import checked
 
 DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "inside": [True, False], "what": ["a|b", "[c]"]})
-
-
-@pytest.mark.parametrize(
-    ("column", "expected"),
-    [
-        ("linear_rate_deg_s", "linear rate (deg/s)"),
-        ("step_arw_deg_per_sqrt_s", "step arw (deg/√s)"),
-        ("error_G_xx_ppm", "error G_xx (ppm)"),
-        ("sigma_b_z_deg_h", "sigma b_z (deg/h)"),
-        ("G_difference", "G difference"),
-        ("esa_sigma_mdeg", "esa sigma (mdeg)"),
-        ("bias_deg_s_max", "bias max (deg/s)"),
-        ("steps", "steps"),
-        ("Δt = 0.5 s", "Δt = 0.5 s"),
-    ],
-)
-def test_headings_have_the_unit_of_the_column(column, expected):
-    assert format_heading(column) == expected
-
-
-def test_markdown_has_few_digits_or_as_many_as_asked():
-    text = tables.format_markdown("Title", DATA, "A note.", {"step_s": ".2f"})
-    assert text.splitlines() == [
-        "## Title",
-        "",
-        "A note.",
-        "",
-        "| step (s) | error G_xx (ppm) | inside | what |",
-        "|---|---|---|---|",
-        "| 0.50 | 0.33333 | yes | a\\|b |",
-        "| 1.00 | – | no | [c] |",
-    ]
 
 
 def test_a_report_is_written_and_shown_by_names(tmp_path):
@@ -72,15 +40,29 @@ def test_a_report_is_written_and_shown_by_names(tmp_path):
     assert made.check("largest error").verdict == "pass"
 
 
-def test_what_a_terminal_has_no_room_for_is_named():
-    """Numbers are whole or left out, texts are folded."""
-    table = pd.DataFrame({"name": ["a text of words " * 4]} | {f"number_{k}": [1234.5 + k] for k in range(9)})
-    for width in (70, 200):
-        console = Console(file=io.StringIO(), width=width)
-        tables.print_table(console, "Wide", table)
-        shown = console.file.getvalue()
-        assert "…" not in shown
-        assert max(map(len, shown.splitlines())) <= width
-        for k in range(9):
-            assert (f"{1234.5 + k:g}" in shown) != (f"number {k}" in " ".join(shown.partition("left out")[2].split()))
-        assert ("left out" in shown) == (width == 70)
+@pytest.mark.parametrize(
+    ("check", "verdict"),
+    [
+        (Check("inside", 1.0, (0.5, 1.5)), "pass"),
+        (Check("above", 1.6, (0.5, 1.5)), "fail"),
+        (Check("control inside", 1.0, (0.5, 1.5), outside=True), "fail"),
+        (Check("limit", 3, bound_above(3)), "pass"),
+        (Check("count", 49, bound_below(50)), "fail"),
+        (Check("other word", "biased", "consistent"), "fail"),
+        (Check("control's word", "biased", "consistent", outside=True), "pass"),
+        (Check("no bounds", 7.0), "note"),
+        (Check("not known", math.nan, (0.0, 1.0)), "note"),
+        (Check("not near", 1.4, checks.bound_near(1.0, 0.3)), "fail"),
+    ],
+)
+def test_verdict(check, verdict):
+    assert check.verdict == verdict
+    assert checks.build_check_frame([check])["verdict"].tolist() == [verdict]
+    assert checks.format_checks([check])["verdict"].tolist() == [verdict]
+
+
+def test_extremes_leave_out_what_is_not_known():
+    smallest, largest = checks.check_extremes("order", [1.1, math.nan, 0.9], (0.95, 1.2))
+    assert (smallest.value, smallest.verdict) == (0.9, "fail")
+    assert (largest.value, largest.verdict) == (1.1, "pass")
+    assert [check.verdict for check in checks.check_extremes("order", [math.nan], (0, 1))] == ["note", "note"]

@@ -2,7 +2,6 @@
 
 import html
 import json
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,6 @@ from simulator import scenario
 from simulator.effects.sensor import parse
 from simulator.simulate import simulate
 from studies import catalogue
-from studies.report.diagnosis import build_diagnosis_page
 from studies.robertson import heads as sensor_story
 
 MONTHS = scenario.load("trmm_months")
@@ -34,29 +32,14 @@ def found(rec):
     return diagnose(load(rec))
 
 
-@pytest.fixture
-def of_the_attitudes(monkeypatch, found):
-    """The answer of gyro and references taken as known, which the sensors have no part in."""
-    empty = {"causes": (), "closure": None, "where": (), "notes": (), "sensors": None, "posterior": (((), 1.0),)}
-    nothing = replace(found, verdict="none", present=False, **empty)
-    monkeypatch.setattr("diagnosis.diagnose.prepare", lambda *_: ())
-    monkeypatch.setattr("diagnosis.diagnose.explain_prepared", lambda *_: ((), ()))
-    monkeypatch.setattr("diagnosis.diagnose.list_sample_causes", lambda *_: ())
-    monkeypatch.setattr("diagnosis.diagnose.build_diagnosis", lambda *_: nothing)
-    return nothing
-
-
-def test_both_answers_are_one(found):
+@pytest.mark.usefixtures("blank_figures")
+def test_both_answers_are_one_in_terminal_json_and_page(found, run_cli, rec, tmp_path, monkeypatch):
     assert found.verdict == "named"
     assert [cause.label for cause in found.causes] == ["dss_head:2"]
     assert found.sensors.present
     assert found.present
     assert found.closure is found.sensors.closure
     np.testing.assert_allclose(found.causes[0].size, 0.28156, atol=3 * found.causes[0].sigma)
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monkeypatch):
     monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *_, **options: found)
     target, page = tmp_path / "d.json", tmp_path / "d.html"
     result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))
@@ -70,26 +53,6 @@ def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monke
     assert own["rejected"][0]["after"] > own["closure"]["after"] + 0.05
     assert {one["signal"] for one in document["where"]} >= {"DSS-1", "DSS-2"}
     assert "Residuals of DSS-2 over the Sun's two angles" in html.unescape(page.read_text())
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_nominal_sensors_on_the_page(of_the_attitudes):
-    nominal = diagnose(simulate(FEW, seed=2))
-    assert nominal.verdict == "none"
-    page = build_diagnosis_page(nominal).render_html()
-    assert "The sun and Earth sensors fit the nominal ones" in page
-    assert "with the causes" not in page
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
-    recording = load(rec)
-    tables = recording.sensors
-    swapped = replace(tables.sun, counts=tables.sun.counts[:, ::-1])
-    found = diagnose(replace(recording, sensors=replace(tables, sun=swapped)))
-    assert (found.verdict, found.present, found.posterior) == ("unknown", True, ((("unknown",), 1.0),))
-    assert json.loads(json.dumps(found.to_json()["sensors"], allow_nan=False))["mean_square"] is None
-    assert "do not fit the nominal sensors in any arc" in build_diagnosis_page(found).render_html()
 
 
 def test_an_orthogonal_fit_of_rs_truth_finds_r3():

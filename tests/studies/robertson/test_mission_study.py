@@ -1,46 +1,26 @@
 """The tables beside the flight's: each statistic on made-up runs with known answers, formulas against the loop itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
-from simulator import scenario as scenarios
-from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import (
     DAY,
-    PRELAUNCH_BIAS,
     PRELAUNCH_G,
     R9_BIAS,
     R9_G,
     MissionConfig,
-    TrueGyro,
-    YawManeuver,
-    build_period_tables,
 )
-from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import BORESIGHTS, R3_M
-from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
-from simulator.truth.orbit import compute_lvlh_attitude
-from studies.natanson import flight_gap
+from simulator.mission_mode.flight import MissionRun
 from studies.robertson import ground, performance, published_tables
 from studies.robertson.calendar import (
     FIRST_DAYS,
-    PERIODS,
-    YAW_MANEUVER_TIMES,
-    build_slew_config,
     convert_to_mission_day,
-    shift_mission_start,
 )
-from studies.robertson.runs import SLEW_TABLES
 
 BASE = MissionConfig()
 AXES = published_tables.ROTATION_NAMES
 EMPTY = pd.DataFrame()
-RNG = np.random.default_rng(5)
 
 
 def middle(period):
@@ -65,18 +45,6 @@ def run_of(orbits=(), updates=()):
     return MissionRun(EMPTY, table, EMPTY, frame)
 
 
-def test_the_flights_numbers_are_as_published():
-    assert [published_tables.read_published_performance("yaw_update_deg", "yaw", period) for period in PERIODS] == [
-        0.24,
-        0.10,
-        0.04,
-    ]
-    assert published_tables.read_published_performance("attitude_accuracy_deg", "roll", "postcalibration") == 0.029
-    assert np.isnan(published_tables.read_published_performance("gyro_bias_std_deg_h", "x", "precalibration"))
-    assert published_tables.read_published_slew_error("roll", "precalibration") == 0.24844
-    assert [published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
-
-
 def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     """Means over full orbits, the mean size of updates, the largest jitter; orientations apart."""
     rows = [orbit("calibration1", rms_knowledge_yaw_deg=k, jitter_yaw_deg=4 * k) for k in (0.02, 0.04)]
@@ -99,52 +67,7 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     assert not row["met"]
 
 
-def test_periods_are_the_flights():
-    start, stop = (convert_to_mission_day(moment, BASE) for moment in FIRST_DAYS["calibration1"])
-    uploads = [at / DAY for at, _ in build_flight_schedule(BASE, 155.0).uploads]
-    assert uploads == pytest.approx([start, stop], abs=1e-6)  # the Julian date is good to 40 µs
-    assert FIRST_DAYS["precalibration"][0] == BASE.epoch
-    table = pd.DataFrame({"t_s": [start * DAY, stop * DAY - 1, stop * DAY]})
-    assert len(performance.select_period(table, "calibration1")) == 2
-
-
-def test_table3_has_seeds_and_difference():
-    runs = [run_of([orbit("postcalibration", rms_knowledge_yaw_deg=v)] * 2) for v in (0.03, 0.05)]
-    row = (
-        performance.build_performance_table(runs)
-        .query("parameter == 'attitude_accuracy_deg' and axis == 'yaw'")
-        .set_index("period")
-    )
-    found = row.loc["postcalibration", ["flight", "simulated", "lowest", "highest", "simulated_minus_flight"]].astype(float)
-    assert found.to_numpy() == pytest.approx([0.026, 0.04, 0.03, 0.05, 0.014])
-    assert np.isnan(row.loc["precalibration", "simulated"])  # nothing flown then
-
-
-@pytest.mark.parametrize(("knowledge", "met"), [(0.066, True), (0.067, False)])
-def test_requirements_are_three_sigma(knowledge, met):
-    """Weighted by samples: 3 σ of 0.198 or 0.201°, whatever a short orbit adds."""
-    rows = [orbit("postcalibration", rms_knowledge_roll_deg=knowledge), orbit("postcalibration", samples=0.0)]
-    table = performance.build_requirements_table([run_of(rows)]).set_index(["period", "requirement", "axis"])
-    row = table.loc[("postcalibration", "knowledge", "roll")]
-    assert row["simulated_deg"] == pytest.approx(3 * knowledge)
-    assert row["met"] == met
-    mixed = [orbit("postcalibration", rms_error_yaw_deg=0.1), orbit("postcalibration", samples=3000.0, rms_error_yaw_deg=0.2)]
-    table = performance.build_requirements_table([run_of(mixed)]).set_index(["period", "requirement", "axis"])
-    row = table.loc[("postcalibration", "pointing", "yaw")]
-    assert row["simulated_deg"] == pytest.approx(3 * np.sqrt((0.1**2 + 3 * 0.2**2) / 4))
-
-
-def test_maneuvers_are_on_the_flights_days():
-    table = performance.compare_maneuver_dates(154.2)
-    assert len(table) == 7
-    near = table[table["flight"] != ""]
-    assert near["flight_utc"].tolist() == ["1997-12-13", "1998-01-14", "1998-03-21"]
-    assert near["simulated_minus_flight_days"].abs().max() < 0.6
-    published = published_tables.read_maneuver_dates()["forward_after"]
-    assert near["forward_after"].tolist()[:2] == published.tolist()[:2]
-
-
-def test_solved_bias_is_r8():
+def test_solved_bias_is_r8_and_targeting_has_rs_sign():
     """R (8) is written for G = I: b' = b + (G − I) ω_raw. With the true G the bias is b in either orientation."""
     for forward, sign in (("+x", -1.0), ("-x", 1.0)):
         rate = BASE.orbit.mean_motion + BASE.orbit.nodal_rate * np.cos(BASE.orbit.inclination)
@@ -158,131 +81,6 @@ def test_solved_bias_is_r8():
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
     assert apart[2] * ground.DEG_H_PER_RAD_S == pytest.approx(0.546, abs=0.001)
-
-
-def test_biases_of_runs_are_those_of_the_formula():
-    """Made of the formula, with a scatter whose mean the standard error covers."""
-    rows = []
-    for period, G in performance.USED_G.items():
-        for forward in ("+x", "-x"):
-            expected = performance.compute_solved_bias(G, forward) * ground.DEG_H_PER_RAD_S
-            for _ in range(50):
-                values = expected + 0.01 * RNG.normal(size=3)
-                rows.append(
-                    orbit(period, forward, **{f"apparent_bias_{a}_deg_h": v for a, v in zip(AXES, values, strict=True)})
-                )
-    table = performance.build_apparent_bias_table([run_of(rows)])
-    assert len(table) == 2 * 3 * 3
-    pulls = table["simulated_minus_formula_deg_h"] / table["standard_error_deg_h"]
-    assert pulls.abs().max() < 4
-    assert np.allclose(table.loc[table["forward"] != "-x minus +x", "standard_error_deg_h"], 0.01 / np.sqrt(50), rtol=0.5)
-    wrong = performance.build_apparent_bias_table(
-        [run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])]
-    )
-    assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
-
-
-MANEUVER_STEPS = 5000  # of the maneuver; leaves 1e-6 deg
-
-
-def compute_noise_free_miss(maneuver, tables, solved=True):
-    """The miss by G and b alone, propagated minus true, (3,) deg: a turn at constant orbital rate with the loop's yaw profile.
-
-    With A_propagated = exp(−[ε×]) A the error grows as ε' = δω − ω × ε, δω the propagated rate minus the true one, so that at
-    the end it is A ∫ Aᵀ δω dt. The orbital rate n in the body turns with the yaw κ: ω = (−n sin κ, −n cos κ, κ').
-
-    Parameters
-    ----------
-    maneuver : "+x to -x", by +180°, or "-x to +x", by −180°
-    tables : "calibration1" with the gyro's parameters of before launch, "postcalibration" with R (9)
-    solved : whether the yaw bias is the one solved for before the maneuver, as on board, or the published one
-    """
-    G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
-    start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
-    if solved:
-        b = np.array([b[0], b[1], performance.compute_solved_bias(G, maneuver[:2])[2]])
-    shape = YawManeuver(0.0)
-    t, dt, r = (np.arange(MANEUVER_STEPS) + 0.5) / MANEUVER_STEPS, shape.duration_s / MANEUVER_STEPS, shape.ramp_fraction
-    rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
-    rate = sign * np.pi / shape.duration_s / (1 - r) * ((3 - 2 * rise) * rise**2 - (3 - 2 * fall) * fall**2)
-    yaw = start + (np.cumsum(rate) - 0.5 * rate) * dt
-    n = MissionConfig().orbit.mean_motion
-    omega = np.stack([-n * np.sin(yaw), -n * np.cos(yaw), rate], axis=-1)
-    wrong = (omega - R9_BIAS) @ np.linalg.inv(R9_G).T @ G.T + b - omega
-    to_start = _rotate_pitch_yaw(yaw, -n * t * shape.duration_s).transpose(0, 2, 1)
-    gathered = np.einsum("kij,kj->i", to_start, wrong) * dt
-    end = _rotate_pitch_yaw(np.array([start + sign * np.pi]), np.array([-n * shape.duration_s]))[0]
-    return np.asarray(np.round(np.rad2deg(end @ gathered), 9) + 0.0)
-
-
-def _rotate_pitch_yaw(yaw, pitch):
-    """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
-    return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
-
-
-def quiet(config):
-    """The config without noise; the sun sensors' is left, it is 0.005° in yaw."""
-    return replace(
-        config,
-        gyro=TrueGyro(arw=0.0),
-        earth_sensor=TrueEarthSensor(sigma=0.0, sigma_s=0.0, swing=0.0),
-        magnetometer_sigma=0.0,
-    )
-
-
-@pytest.mark.parametrize("maneuver", list(YAW_MANEUVER_TIMES))
-@pytest.mark.parametrize("tables", SLEW_TABLES)
-def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
-    """The Earth's geodetic lean, 0.2° at most, is left; square heads, for an error of theirs would drift the solved bias."""
-    square = build_trmm_sensors(BORESIGHTS[0], (np.eye(3), R3_M), (np.zeros(3), np.zeros(3)), BORESIGHTS[1])
-    own = replace(
-        build_period_tables()[tables], coefficients_beta=np.stack([SIMULATED_BETA_COEFFICIENTS, SIMULATED_BETA_COEFFICIENTS])
-    )
-    config = quiet(build_slew_config(replace(BASE, sun_sensors=square), own, maneuver))
-    run = simulate_mission(config, seconds=config.maneuvers[0].start_s + 1010.0, telemetry_every=None)
-    slew = run.slews.iloc[0]
-    assert slew["forward"] == maneuver[-2:]
-    miss = np.array([-slew[f"targeting_{axis}_deg"] for axis in AXES])
-    published = compute_noise_free_miss(maneuver, tables, solved=False)
-    solved = compute_noise_free_miss(maneuver, tables)
-    if tables == "postcalibration":
-        assert (solved == 0).all()
-    else:
-        assert np.abs(miss - solved).max() < 0.012
-        assert np.abs(miss - published).max() > 0.03  # negative control: another yaw bias is another miss
-    assert np.abs(miss[:2] - solved[:2]).max() < 0.012
-
-
-@pytest.mark.parametrize(("maneuver", "k"), [("+x to -x", 1), ("-x to +x", 5)])
-def test_noise_free_miss_is_that_of_the_calibrators_simulation(maneuver, k):
-    """N's intervals 2 and 6, predicted with other slews, 0.03° apart for their timing; the other maneuver is further."""
-    predicted = flight_gap.predict_residuals(scenarios.load("trmm"))[k]
-    found = compute_noise_free_miss(maneuver, "calibration1", solved=False)
-    other = compute_noise_free_miss(next(name for name in YAW_MANEUVER_TIMES if name != maneuver), "calibration1", solved=False)
-    assert np.abs(found - predicted).max() < 0.04 < np.abs(other - predicted).max()
-
-
-def test_table2_and_its_gap():
-    rows = pd.DataFrame(
-        [
-            {
-                "maneuver": m,
-                "tables": t,
-                "seed": k,
-                **{f"{a}_deg": published_tables.read_published_slew_error(a, performance.R_PHASE[t]) + 0.1 * k for a in AXES},
-            }
-            for m in YAW_MANEUVER_TIMES
-            for t in SLEW_TABLES
-            for k in (0, 1)
-        ]
-    )
-    table = performance.build_slew_table(rows)
-    assert table["simulated_minus_flight_deg"].to_numpy() == pytest.approx(0.05)
-    assert table["std_deg"].to_numpy() == pytest.approx(0.1 / np.sqrt(2))
-    assert performance.compute_slew_gaps(table) == pytest.approx(dict.fromkeys(YAW_MANEUVER_TIMES, 0.05))
-
-
-def test_targeting_has_rs_sign():
     slew = pd.DataFrame([{**{f"targeting_{a}_deg": 0.1 * (k + 1) for k, a in enumerate(AXES)}, "bias_yaw_deg_h": 0.3}])
     (row,) = performance.collect_slew_misses(
         {("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}
@@ -291,12 +89,8 @@ def test_targeting_has_rs_sign():
     assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
 
 
-def test_a_later_start_flies_the_same_orbit():
-    """Moved by days: the same place in the orbit and the same Sun, and the axis forward that keeps the Sun on −Y."""
-    later = shift_mission_start(BASE, 40.0)
-    t = np.array([0.0, 5000.0])
-    assert compute_lvlh_attitude(later.orbit, t) == pytest.approx(compute_lvlh_attitude(BASE.orbit, t + 40 * DAY), abs=1e-9)
-    here, there = compute_sun_angle(later.epoch, later.orbit, t), compute_sun_angle(BASE.epoch, BASE.orbit, t + 40 * DAY)
-    assert here == pytest.approx(there, abs=1e-6)
-    assert (here[0] > 0) == (later.forward == "+x")
-    assert later.uploads == later.maneuvers == ()
+def test_maneuvers_are_on_the_flights_days():
+    table = performance.compare_maneuver_dates(154.2)
+    near = table[table["flight"] != ""]
+    assert (len(table), near["flight_utc"].tolist()) == (7, ["1997-12-13", "1998-01-14", "1998-03-21"])
+    assert near["simulated_minus_flight_days"].abs().max() < 0.6

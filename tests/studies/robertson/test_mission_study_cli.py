@@ -2,20 +2,15 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from gyrocal import GyrocalError
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.flight import MissionRun
 from studies import reproduction
-from studies.cli.mission import TABLES, summarise_periods
+from studies.cli.mission import TABLES
 from studies.montecarlo import engine
 from studies.robertson import performance, reproduce
-from studies.robertson import runs as runs_module
 from studies.robertson.calendar import YAW_MANEUVER_TIMES
 from studies.robertson.figures import MISSION_FIGURE_TITLES
 from studies.robertson.runs import KEPT_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, build_mission_flight, load_flights
@@ -61,38 +56,7 @@ def test_mission_writes_its_tables(run_cli, tmp_path):
     assert "✗" not in result.stdout.split("Knowledge and")[0]
 
 
-def test_uncalibrated_misses_are_marked(run_cli, tmp_path):
-    """The same day with the tables of launch: negative control of the mark."""
-    result = run_cli("mission", str(tmp_path / "out"), "--days", "0.2")
-    assert result.exit_code == 0
-    assert "knowledge yaw" in next(line for line in result.stdout.splitlines() if "✗" in line)
-
-
-def test_tables_are_replaced_only_by_force(run_cli, tmp_path):
-    arguments = ("mission", str(tmp_path / "out"), "--days", "0.01")
-    assert run_cli(*arguments).exit_code == 0
-    refused = run_cli(*arguments)
-    assert refused.exit_code == 2
-    assert "--force" in refused.stderr
-    assert run_cli(*arguments, "--force").exit_code == 0
-
-
-def test_stretches_are_weighted_by_samples_and_end_with_the_run():
-    """Two orbits of very different length: the RMS is that of all samples together."""
-    names = ("rms_knowledge", "rms_error", "jitter")
-    columns = [f"{name}_{axis}_deg" for name in names for axis in ("roll", "pitch", "yaw")]
-    orbits = pd.DataFrame(0.1, index=range(2), columns=columns).assign(t_s=[0.0, 6000.0], samples=[300.0, 100.0])
-    orbits.loc[1, "rms_knowledge_yaw_deg"] = 0.2
-    updates = pd.DataFrame({"t_s": [10.0, 20.0], "update_deg": [0.3, -0.1]})
-    (row,) = summarise_periods(MissionRun(orbits, updates, orbits, orbits), MissionConfig(), 0.08).itertuples()
-    assert row.knowledge_yaw_deg == pytest.approx(3 * np.sqrt((3 * 0.1**2 + 0.2**2) / 4))
-    assert row.pointing_roll_deg == pytest.approx(0.3)
-    assert row.stability_yaw_deg == 0.1
-    assert row.yaw_update_deg == pytest.approx(0.2)
-    assert (row.from_day, row.to_day) == (0.0, 0.08)
-
-
-@pytest.mark.usefixtures("flown_already")
+@pytest.mark.usefixtures("flown_already", "blank_figures")
 def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli, tmp_path):
     arguments = ("reproduce", "--paper", "robertson", "--days", "1", "--seeds", "1", "--slews", "2")
     result = run_cli(*arguments, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "summary.json"))
@@ -123,7 +87,7 @@ def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli,
     assert again["files"] == manifest["files"]  # the same bytes
 
 
-def test_what_is_stored_is_what_was_flown(short_flight):
+def test_stored_flights_are_those_flown_and_show_the_symptoms(short_flight):
     """Bit for bit, with its dtypes, in whatever order of the columns."""
     stored = load_flights(SHORT, short_flight / "table.parquet")
     slew = ("slew", next(iter(YAW_MANEUVER_TIMES)), "calibration1", "0")
@@ -133,10 +97,7 @@ def test_what_is_stored_is_what_was_flown(short_flight):
             pd.testing.assert_frame_equal(
                 getattr(stored[name], table), getattr(direct, table), check_exact=True, check_like=True
             )
-
-
-def test_symptoms_are_in_the_short_runs(short_flight):
-    """Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration."""
+    # Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration.
     short_runs = load_flights(SHORT, short_flight / "table.parquet")
     spikes = {state: short_runs["spikes", state].telemetry["error_pitch_deg"].abs().max() for state in SPIKE_FILTERS}
     assert spikes["restarted"] > 0.1 > 2 * max(spikes["off"], spikes["correct"])
@@ -146,12 +107,3 @@ def test_symptoms_are_in_the_short_runs(short_flight):
     before, after = rolls["simulated_deg"]
     assert before == pytest.approx(0.248, abs=0.05)
     assert abs(after) < 0.03  # white noise of 0.008° a slew
-
-
-def test_a_failed_flight_is_told_and_the_others_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr(runs_module, "YAW_ORBITS", 0.5)
-    monkeypatch.setattr(runs_module, "SPIKE_ORBITS", 0.5)
-    monkeypatch.setattr(runs_module, "build_slew_config", lambda config, tables, maneuver: replace(config, maneuvers=(None,)))
-    with pytest.raises(GyrocalError, match=r"8 of \d+ cases failed, the first one case"):
-        reproduce.run(tmp_path, SHORT.model_copy(update={"days": 0.2}))
-    assert list((tmp_path / "work").rglob("part-*.parquet"))

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from gyrocal import GyroParameters, InputError, attitude, calibrate, load, residual_table
+from gyrocal import GyroParameters, attitude, calibrate, load, residual_table
 from studies.cli.main import main
 from studies.validation import broad
 from tests import SHARED
@@ -100,7 +100,7 @@ def run_import():
     return lambda *arguments: CliRunner().invoke(main, ["import", *map(str, arguments)])
 
 
-def test_file_is_read_in_the_projects_conventions(trial, frame):
+def test_truth_is_recovered_from_a_file_in_the_projects_conventions(trial, frame, imported):
     assert trial.sample_s == pytest.approx(SAMPLE_S, rel=1e-12)
     k = 10_000
     row = frame.loc[k]
@@ -109,6 +109,10 @@ def test_file_is_read_in_the_projects_conventions(trial, frame):
     np.testing.assert_array_equal(trial.rates[k], row[list(broad.IMU_RATE_COLUMNS)].to_numpy(dtype=float))
     assert not trial.tracked[0]
     assert len(trial.phases) == 3
+    result = calibrate(imported.recording, plausible_bias=0.1)
+    error = result.parameters.vector - np.concatenate([G.ravel(), BIAS])
+    assert np.abs(error / result.sigma).max() < 4
+    assert 0.7 < result.chi2 / result.dof < 1.3
 
 
 def test_without_noise_true_parameters_leave_no_residual():
@@ -135,30 +139,6 @@ def as_trial(frame):
     return broad.Trial("synthetic", SAMPLE_S, rates, force, q, frame["movement"].to_numpy())
 
 
-def test_truth_is_recovered_with_honest_sigmas(imported):
-    result = calibrate(imported.recording, plausible_bias=0.1)
-    error = result.parameters.vector - np.concatenate([G.ravel(), BIAS])
-    assert np.abs(error / result.sigma).max() < 4
-    assert 0.7 < result.chi2 / result.dof < 1.3
-
-
-def test_estimated_noise_is_the_injected(imported):
-    np.testing.assert_allclose(imported.arw, ARW, rtol=0.1)
-    np.testing.assert_allclose(imported.sigma_rest, SIGMA, rtol=0.5)
-    np.testing.assert_allclose(imported.sigma_motion, SIGMA, rtol=0.5)
-    np.testing.assert_allclose(imported.recording.gyro.apriori_bias, BIAS, atol=np.deg2rad(0.01), rtol=0.01)
-
-
-def test_intervals_reach_from_rest_to_rest_with_references_inside(trial, imported):
-    recording = imported.recording
-    assert [interval.name for interval in recording.intervals] == ["motion 1", "motion 2", "motion 3"]
-    starts = [interval.start_s for interval in recording.intervals]
-    np.testing.assert_allclose(starts, [10, 38, 66], atol=0.01)
-    samples = np.rint(recording.attitudes.t_s / SAMPLE_S).astype(int)
-    assert trial.tracked[samples].all()
-    assert np.count_nonzero(~imported.still) > 45
-
-
 def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
     trial = as_trial(trial_frame(phases=((12, 88),)))
     names = [cut[0] for cut in broad.cut_trial(trial)]
@@ -166,13 +146,8 @@ def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
     edges = np.array([cut[2:] for cut in broad.cut_trial(trial)])
     np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])
     assert len(broad.build_recording(trial).recording.intervals) == 5
-
-
-@pytest.mark.parametrize(("intervals", "count"), [("whole", 1), (25.0, 4), (1000.0, 1), ("motion", 3)])
-def test_choice_of_intervals(trial, intervals, count):
-    recording = broad.build_recording(trial, intervals, spacing_s=0.5).recording
-    assert len(recording.intervals) == count
-    assert np.median(np.diff(recording.attitudes.t_s)) == pytest.approx(0.5, abs=0.02)
+    assert len(broad.build_recording(trial, "whole").recording.intervals) == 1
+    assert len(broad.build_recording(trial, 25.0).recording.intervals) == 4
 
 
 def test_a_time_offset_is_stated_and_undone(trial):
@@ -183,85 +158,32 @@ def test_a_time_offset_is_stated_and_undone(trial):
     assert "does not differ from zero" in broad.describe_time_offset(late, -5 * SAMPLE_S)[0]
     moved = broad.build_recording(late, attitude_offset_s=-5 * SAMPLE_S).recording
     assert moved.gyro.t_s[0] == pytest.approx(5 * SAMPLE_S)
-    with pytest.raises(InputError, match="less than the 99"):
-        broad.build_recording(late, attitude_offset_s=np.inf)
-
-
-def test_time_offset_does_not_swell_the_sigmas(trial, imported):
-    """Two samples at 150 deg/s are one degree; the sigma is some hundredths."""
-    late = broad.Trial(trial.name, SAMPLE_S, np.roll(trial.rates, 2, axis=0), trial.force, trial.quaternions, trial.moving)
-    np.testing.assert_allclose(broad.build_recording(late).sigma_motion, imported.sigma_motion, rtol=0.6)
 
 
 def test_command_writes_a_recording_that_calibrates(run_import, trial_file, tmp_path):
     result = run_import("broad", trial_file, tmp_path / "rec")
     assert result.exit_code == 0, result.output
     assert "CC-BY-4.0" in result.stdout
-    assert "3 of " in result.stdout
     recording = load(tmp_path / "rec")
     assert "CC-BY-4.0" in recording.title
-    assert recording.orbit is None
     assert list(recording.tables["housekeeping"].columns)[1] == "specific_force_x_m_s2"
-    again = run_import("broad", trial_file, tmp_path / "rec")
-    assert again.exit_code == 2
-    assert "--force" in again.stderr
-    assert run_import("broad", trial_file, tmp_path / "rec", "--force", "--intervals", "20").exit_code == 0
-    assert len(load(tmp_path / "rec").intervals) == 5
+    assert "--force" in run_import("broad", trial_file, tmp_path / "rec").stderr
 
 
-def complain(result, *words):
-    assert result.exit_code == 2, result.output
-    assert not result.exception or isinstance(result.exception, SystemExit)
-    assert result.stderr.count("\n") == 1
-    for word in words:
-        assert word in result.stderr
-
-
-def _without(name):
-    return lambda frame: frame.drop(columns=name)
-
-
-def _with(name, value, row=None):
-    return lambda frame: frame.assign(**{name: value if row is None else frame[name].mask(frame.index == row, value)})
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (_without("imu_gyr_y"), ["imu_gyr_y", "missing"]),
-        (_without("movement"), ["movement"]),
-        (_with("imu_gyr_x", np.nan, 7), ["row 7"]),
-        (_with("imu_acc_x", np.inf, 7), ["row 7"]),
-        (_with("opt_quat_w", 3.0, 5000), ["row 5000", "norm"]),
-        (_with("imu_gyr_x", "fast"), ["imu_gyr_x"]),
-        (_with("movement", 1.0), ["movement"]),
-        (_with("movement", False), ["motion phase"]),
-        (_with("movement", True), ["rest"]),
-        (_with("opt_quat_x", np.nan), ["nowhere tracked"]),
-        (lambda frame: frame.iloc[:0], ["rest"]),
-        (lambda frame: frame.iloc[:2000], ["motion phase"]),
-    ],
-)
-def test_bad_trials_are_one_line(run_import, frame, tmp_path, change, words):
-    path = write(change(frame), tmp_path / "bad.parquet")
-    complain(run_import("broad", path, tmp_path / "rec"), "bad", *words)
+def test_bad_trials_files_and_options_are_one_line(run_import, frame, trial_file, tmp_path):
+    (tmp_path / "text").write_text("hello")
+    untracked = write(frame.assign(opt_quat_x=np.nan), tmp_path / "untracked")
+    for file, options, word in (
+        (write(frame.drop(columns="imu_gyr_y"), tmp_path / "column"), (), "imu_gyr_y"),
+        (write(frame.assign(imu_gyr_x=frame["imu_gyr_x"].mask(frame.index == 7)), tmp_path / "hole"), (), "row 7"),
+        (untracked, (), "nowhere tracked"),
+        (write(frame, tmp_path / "rate", b"0"), (), "ampling"),
+        (tmp_path / "text", (), "cannot be read as Parquet"),
+        (trial_file, ["--intervals=sideways"], "sideways"),
+    ):
+        result = run_import("broad", file, tmp_path / "rec", *options)
+        assert (result.exit_code, result.stderr.count("\n"), word in result.stderr) == (2, 1, True), result.stderr
     assert not (tmp_path / "rec").exists()
-
-
-@pytest.mark.parametrize(
-    "option", ["--intervals=sideways", "--intervals=-3", "--intervals=nan", "--spacing=0.001", "--spacing=inf"]
-)
-def test_bad_options_are_one_line(run_import, trial_file, tmp_path, option):
-    complain(run_import("broad", trial_file, tmp_path / "rec", option), option.partition("=")[2])
-
-
-def test_bad_files_are_one_line(run_import, frame, tmp_path):
-    complain(run_import("broad", tmp_path / "none.parquet", tmp_path / "rec"), "no such file")
-    (tmp_path / "text.parquet").write_text("hello")
-    complain(run_import("broad", tmp_path / "text.parquet", tmp_path / "rec"), "cannot be read as Parquet")
-    for rate in (None, b"fast", b"0", b"nan"):
-        path = write(frame, tmp_path / "bad.parquet", rate)
-        complain(run_import("broad", path, tmp_path / "rec"), "bad.parquet", "ampling")
 
 
 @real
@@ -276,15 +198,11 @@ def test_a_trial_beside_a_vibrating_phone_has_the_sigma_of_shorter_turns():
 
 
 @real
-@pytest.mark.parametrize(
-    "path", [path for path in REAL if not path.name.startswith(VIBRATING)][:2], ids=lambda path: path.name[:2]
-)
-def test_real_trial_is_imported_and_calibrated(path):
+def test_real_trial_is_imported_and_calibrated():
     """The residual of the raw gyro is some degrees, and a calibration takes most of it: the conversion's sign and units."""
-    imported = broad.build_recording(broad.read(path))
+    imported = broad.build_recording(broad.read(next(path for path in REAL if not path.name.startswith(VIBRATING))))
     recording = imported.recording
     assert len(recording.intervals) >= 4
-    assert (np.rad2deg(imported.sigma_rest) < np.rad2deg(imported.sigma_motion)).all()
     assert (np.rad2deg(imported.sigma_motion) < 0.3).all()
     np.testing.assert_allclose(np.rad2deg(imported.arw), 0.006, rtol=0.3)
     result = calibrate(recording, plausible_bias=0.1)

@@ -5,23 +5,13 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_limits
 
-from gyrocal import InputError
-from studies.montecarlo.study import Streams, load_config
+from studies.montecarlo.study import Streams
 from studies.report import entry
 from studies.validation import broad, real_gyro
-from studies.validation.real_gyro import STUDY, RealConfig
-from tests import SHARED
-from tests.studies.validation.test_broad import REAL, SAMPLE_S, trial_frame, write
+from studies.validation.real_gyro import RealConfig
+from tests.studies.validation.test_broad import SAMPLE_S, trial_frame, write
 
 LATE = 3  # samples
-SHAPE = pd.DataFrame(  # of two trials without a diagnosis
-    [
-        {"kind": "trial", "trial": "01", "verdict": "none", "chi2_per_dof": 1.0, "sigmas_widened": 1.0},
-        {"kind": "trial", "trial": "02", "verdict": "none", "chi2_per_dof": 1.1, "sigmas_widened": 1.0},
-        {"kind": "prediction", "trial": "01", "horizon_s": 1.0, "normalised_rms": 1.0},
-        {"kind": "prediction", "trial": "02", "horizon_s": 1.0, "normalised_rms": 2.0},
-    ]
-)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +32,7 @@ def rows(folder):
         return pd.DataFrame(real_gyro.run_case(config, 0, Streams(config.entropy, 0))).assign(case=0, error="")
 
 
-def test_the_delay_of_the_gyro_is_identified_and_closes_the_misfit(rows):
+def test_the_delay_is_identified_and_reported(rows, folder, tmp_path):
     (cause,) = real_gyro.select_rows(rows, "cause").to_dict("records")
     assert "time_offset" in cause["group"]
     assert cause["size"] == pytest.approx(LATE * SAMPLE_S, abs=3 * cause["sigma"])
@@ -50,17 +40,6 @@ def test_the_delay_of_the_gyro_is_identified_and_closes_the_misfit(rows):
     assert steps["step"].tolist() == ["baseline", cause["cause"], "remainder", "floor"]
     assert steps["closed"][1] > 0.9
     assert steps["closed"][1] + steps["closed"][2] == pytest.approx(1.0)
-
-
-def test_predictions_have_the_three_horizons(rows):
-    predictions = real_gyro.select_rows(rows, "prediction")
-    assert predictions["horizon_s"].tolist() == [1.0, 5.0, 20.0]
-    assert (predictions["predictions"] > 10).all()
-    axes = predictions[["normalised_x", "normalised_y", "normalised_z"]].to_numpy()
-    np.testing.assert_allclose(predictions["normalised_rms"], np.sqrt(np.square(axes).mean(axis=1)))
-
-
-def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path):
     made = real_gyro.build_report(RealConfig(folder=str(folder)), rows)
     (shown,) = made.tables["trials"].get_shown_data().to_dict("records")
     assert " s (" in shown["causes"]  # a size in s and a probability
@@ -71,38 +50,3 @@ def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path
     assert "CC-BY-4.0" in text
     assert "Laidig" in text
     assert (tmp_path / "waterfalls.svg").is_file()
-
-
-def test_trials_without_misfit_have_a_report_without_figure(folder):
-    made = real_gyro.build_report(RealConfig(folder=str(folder)), SHAPE)
-    assert made.figures == {}
-    assert made.check("verdicts of 2 trials").value == "none 2"
-    assert made.check("causes identified in every trial").value == "none"
-    assert made.check("normalised error over 1 s, RMS of all trials").value == pytest.approx(np.sqrt(2.5))
-    assert made.check("normalised error over 1 s, RMS of all trials").verdict == "fail"
-    assert made.check("trials with 0.8 to 1.25 over 1 s, of 2").value == 1
-
-
-def test_absent_trials_are_one_line(folder, tmp_path):
-    for changes in ({"folder": str(tmp_path)}, {"folder": str(folder), "trials": ["99_none"]}):
-        with pytest.raises(InputError, match=r"no trial (at all|99_none) in .*docs/validation.md") as fault:
-            load_config(STUDY, None, changes)
-        assert "\n" not in str(fault.value)
-
-
-def test_trials_elsewhere_need_none_at_the_usual_place(folder, monkeypatch):
-    monkeypatch.setattr(RealConfig.model_fields["folder"], "default", str(folder / "nowhere"))
-    RealConfig.model_rebuild(force=True)
-    try:
-        config = load_config(STUDY, None, {"folder": str(folder)})
-    finally:
-        monkeypatch.undo()
-        RealConfig.model_rebuild(force=True)
-    assert config.points() == ("01_late",)
-    assert config.cases == 1
-
-
-@pytest.mark.skipif(not REAL, reason="the BROAD trials are not beside this checkout; their licence keeps them out of it")
-def test_cases_are_the_trials_of_the_folder_by_name():
-    config = RealConfig(folder=str(SHARED / "real" / "broad"))
-    assert [config.file(number) for number in range(config.cases)] == [path.resolve() for path in REAL]

@@ -5,8 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from gyrocal import CalibrationResult, GyroParameters, RecursiveCalibrator, calibrate
-from gyrocal.calibration.davenport import Accumulation
+from gyrocal import GyroParameters, RecursiveCalibrator, calibrate
 from gyrocal.calibration.problem import Problem
 from studies import baseline
 from studies.montecarlo.study import Streams
@@ -58,36 +57,12 @@ def function(patch):
     patch.setattr(recovered, "calibrate", slipped)
 
 
-def document(patch):
-    to_json = CalibrationResult.to_json
-
-    def slipped(self):
-        return to_json(replace(self, parameters=longer(self.parameters, self.initial)))
-
-    patch.setattr(CalibrationResult, "to_json", slipped)
-
-
-def step(patch):
-    """The step of `calibrate()` itself, and of what is built on its sums."""
-    solve = Accumulation.solve
-    patch.setattr(Accumulation, "solve", lambda self: ((1 + 1e-6) * solve(self)[0], solve(self)[1]))
-
-
-@pytest.mark.parametrize(
-    ("slip", "ways"),
-    [
-        (function, {"calibrate()"}),
-        (document, {"gyrocal calibrate"}),
-        (recursive, {"RecursiveCalibrator"}),
-        (step, set(recovered.WAYS)),
-    ],
-)
-def test_a_step_longer_by_a_millionth_is_seen_in_any_way(slip, ways, monkeypatch):
+@pytest.mark.parametrize(("slip", "way"), [(function, "calibrate()"), (recursive, "RecursiveCalibrator")])
+def test_a_step_longer_by_a_millionth_is_seen_in_any_way(slip, way, monkeypatch):
     slip(monkeypatch)
-    for way in ways:
-        table = baseline.find_changed_values(read_way(way), run_way(way))
-        assert set(table["parametrisation"]) == {"gain", "gyro"}
-        assert table["quantity"].str.startswith("first_").sum() > 12
+    table = baseline.find_changed_values(read_way(way), run_way(way))
+    assert set(table["parametrisation"]) == {"gain", "gyro"}
+    assert table["quantity"].str.startswith("first_").sum() > 12
 
 
 def test_a_step_of_the_compiled_iterations_longer_by_a_millionth_is_seen(monkeypatch):
