@@ -96,10 +96,10 @@ class DiagnosisSettings:
         "in the first 149 cases 36 of 37, by the rule of succession",
     )
     conformal: float = define_threshold(
-        0.762,
+        0.99,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "covers 90 % with 95 % confidence, from 299 simulated recordings",
+        "covers 88 % of 158 simulated recordings; more cannot be, since no explanation of the others has a probability",
     )
     sample_event: float = define_threshold(
         1e-5,

@@ -4,15 +4,12 @@ The score of an explanation is how much less likely it is than the likeliest,
 
     s_k = 1 − p_k / max_j p_j,
 
-zero for the likeliest and one for what the posterior does not hold at all. Of n recordings with known truth, those of the
-setting part of the validation, the k-th smallest score of the truth is the threshold τ, and the set of a new recording is
-{k : s_k ≤ τ}, never empty. If that recording is exchangeable with the n, the coverage of τ is distributed as the k-th smallest
-of n uniform numbers (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005). It is 0.9 on average for
-k = ⌈(n + 1) 0.9⌉, and then as often below 0.9 as above. People live with one τ: k is the smallest number for which the coverage
-is at least 0.9 with a confidence of 95 %, P(B(n, 0.9) < k) ≥ 0.95 (Vovk, Machine Learning 92, 2013, proposition 2a). Ratios of
-probabilities make shorter sets than the sum of all that are likelier, which one clear answer and many small probabilities fill
-up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American Statistical Association 114, 2019). An
-explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
+zero for the likeliest and one for what the posterior does not hold at all. Of recordings with known truth, the score of the
+truth has a distribution; its quantile at the wanted coverage is the threshold τ, and the set of a new recording that is
+exchangeable with them is {k : s_k ≤ τ}, never empty (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005).
+Ratios of probabilities make shorter sets than the sum of all that are likelier, which one clear answer and many small
+probabilities fill up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American Statistical Association 114,
+2019). An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
 """
 
 from __future__ import annotations
