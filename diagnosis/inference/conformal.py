@@ -8,8 +8,8 @@ zero for the likeliest and one for what the posterior does not hold at all. Of r
 truth has a distribution; its quantile at the wanted coverage is the threshold τ, and the set of a new recording that is
 exchangeable with them is {k : s_k ≤ τ}, never empty (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005).
 Ratios of probabilities make shorter sets than the sum of all that are likelier, which one clear answer and many small
-probabilities fill up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American Statistical Association 114,
-2019). An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
+probabilities fill up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American Statistical Association
+114, 2019). An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def score_statements(stated: pd.DataFrame) -> pd.DataFrame:
             _score_part(name, stated[stated["p"] >= least])
             for name, least in ((f"at {SURE:g} and more", SURE), (f"at {LIKELY:g} and more", LIKELY), ("all", 0.0))
         ]
-        + [_score_part("names", stated[stated["named"]])]
+        + [_score_part("with a name", stated[stated["named"]])]
     )
 
 
