@@ -259,24 +259,6 @@ class LinearModel:
             scales.append(np.full(own.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
-    def compact(self) -> LinearModel:
-        """Drop the columns that belong to no candidate."""
-        candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
-        for candidate in self.candidates:
-            options = []
-            for option in candidate.options:
-                places.append(np.arange(option.start, option.start + option.count))
-                options.append(replace(option, start=start))
-                start += option.count
-            candidates.append(replace(candidate, options=tuple(options)))
-        chosen = np.concatenate(places)
-        X = self.X[:, chosen]
-        if isinstance(self.W, RestoredColumns) and self.W.X is self.X:
-            W: Array | RestoredColumns = replace(self.W, X=X, hidden=self.W.hidden[:, chosen])
-        else:
-            W = self.W[:, chosen]
-        return replace(self, X=X, W=W, candidates=tuple(candidates))
-
     def replace_options(
         self, place: int, options: Sequence[ParameterChoice], W: Array, X: Array, scales: Array | None = None
     ) -> LinearModel:

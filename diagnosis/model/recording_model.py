@@ -67,11 +67,6 @@ class Block:
         """(r,) number of references in each observation."""
         return np.diff(np.append(self.groups, self.references.size))
 
-    @property
-    def last_of_each(self) -> Indices:
-        """(r,) row in the recording of the last of the references of each observation."""
-        return self.references[np.append(self.groups[1:], self.references.size) - 1]
-
     def average_references(self, values: Array) -> Array:
         """Means over the references of each observation, (m, …) → (r, …)."""
         if self.groups.size == self.references.size:

@@ -92,11 +92,6 @@ def draw_over_arc(spacings: float, arcs: float) -> Draw:
     return draw
 
 
-def draw_frequency(rng: np.random.Generator, around: Surroundings) -> Value:
-    """An apparent frequency clear of half the sampling rate, Hz."""
-    return float(rng.uniform(0.02, 0.47) / around.sample_s)
-
-
 def choose(*words: str) -> Draw:
     """One of some words."""
     return lambda rng, around: str(rng.choice(words))
