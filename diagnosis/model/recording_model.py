@@ -416,7 +416,7 @@ def build_basis(columns: Array) -> Array:
 
 
 def build_parameter_errors(raw: Array) -> Array:
-    """(n, 3, 12) errors of rates of unit errors of G_xx, G_xy, …, G_zz, b_x, b_y, b_z, from the raw rates (n, 3)."""
+    """Build rate errors (n, 3, 12) per unit error of G_xx, G_xy, …, G_zz, b_x, b_y, b_z from the raw rates (n, 3)."""
     out = np.zeros((len(raw), 3, 12))
     for axis in range(3):
         out[:, axis, 3 * axis : 3 * axis + 3] = raw
