@@ -74,27 +74,27 @@ def _remove_on_error(path: Path) -> Iterator[None]:
 
 
 def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]], without: Iterable[str] = ()) -> None:
-    """Write files of a folder that belong together; after an error the old ones stay, all of them.
+    """Replace a set of files in a folder together; if one cannot be written, all old files stay.
 
-    For the few renames that put them in their places the last one is missing: who is killed there leaves a folder that is seen
-    to be incomplete, never old and new files side by side.
+    The last file is removed before the first rename and comes back with the last one. A process killed in between leaves a
+    folder without it, which is seen to be incomplete, never a complete set of old and new files.
 
-    An `OSError` if one cannot be written; its name is the file's.
+    Raises an `OSError` with the name of a file that cannot be written.
 
     Parameters
     ----------
-    folder : is made if need be
-    files : what writes each file, by its name; the last one is that without which the others are nothing
-    without : names of files that must not be there beside them
+    folder : created if it does not exist
+    files : function that writes each file, by name; the last file is one that no reader can do without
+    without : names of files to remove from the folder
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:
         if not is_replaced(folder / name):
             raise OSError(errno.EEXIST, "is there already, and no regular file", str(folder / name))
-    with tempfile.TemporaryDirectory(prefix=".", suffix=TEMPORARY, dir=folder) as made:
+    with tempfile.TemporaryDirectory(prefix=".", suffix=TEMPORARY, dir=folder) as staging:
         for name, write in files.items():
             try:
-                with open_replacement(Path(made) / name) as file:
+                with open_replacement(Path(staging) / name) as file:
                     write(file)
             except OSError as error:
                 raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(folder / name)) from error
@@ -102,7 +102,7 @@ def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]],
             for name in (*list(files)[-1:], *without):
                 (folder / name).unlink(missing_ok=True)
             for name in files:
-                os.replace(Path(made) / name, folder / name)
+                os.replace(Path(staging) / name, folder / name)
 
 
 @contextmanager

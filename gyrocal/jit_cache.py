@@ -111,13 +111,13 @@ def find_cache_folder(package: str) -> tuple[Path, str] | None:
 
 @cache
 def announce_compilation(package: str) -> None:
-    """Log once in a process that a package's functions are compiled and how long a calibration's take, if none is kept yet."""
-    found = find_cache_folder(package)
-    length = "about 20 s" if package == "gyrocal" else "up to a minute"
-    if found is None:
-        logger.info("compiling %s, %s, each time: no folder can keep it; set NUMBA_CACHE_DIR to one", package, length)
-    elif not any(found[0].glob("*")):
-        logger.info("compiling %s once, %s", package, length)
+    """Log once per process that a package is going to be compiled and how long that takes, unless compiled code is cached."""
+    cache_folder = find_cache_folder(package)
+    duration = "about 20 s" if package == "gyrocal" else "up to a minute"
+    if cache_folder is None:
+        logger.info("compiling %s, %s, each time: no folder can keep it; set NUMBA_CACHE_DIR to one", package, duration)
+    elif not any(cache_folder[0].glob("*")):
+        logger.info("compiling %s once, %s", package, duration)
 
 
 def _list_parents(package: str) -> Iterator[Path]:

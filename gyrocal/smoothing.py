@@ -85,27 +85,29 @@ def replace_outliers(rates: Array, sigma: float) -> Array:
 
 
 def _smooth_with_windows(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, float]:
-    """One axis, by the longest windows at each sample that agree with the shorter ones; (n,), and its degrees of freedom."""
-    best, low, high = rates, rates - AGREEMENT_SIGMAS * sigma, rates + AGREEMENT_SIGMAS * sigma
-    going = np.ones(rates.size, dtype=bool)
-    last, own, last_own = rates, np.ones(rates.size), np.ones(rates.size)
-    trust: Array | None = None  # in the windows up to this one; all of it as long as no sample stops
+    """Smooth one axis with each sample's longest window that agrees with all shorter ones; (n,), and degrees of freedom."""
+    width = AGREEMENT_SIGMAS * sigma
+    low, high, agrees = rates - width, rates + width, np.ones(rates.size, dtype=bool)
+    smoothed = previous = rates
+    leverages = previous_leverages = np.ones(rates.size)  # of each sample on its own smoothed value
+    fading: Array | None = None  # s_r of the module's formula; None if it is one at all samples
     for window in windows:
-        estimate, weight = _fit_window(rates, window)
-        _tighten_limits(estimate, weight, AGREEMENT_SIGMAS * sigma, going, low, high)
-        stops = ~going if window <= SHARP else _keep_rows_of_three(~going)
-        share = weight**2  # of a sample in its own estimate, if that is a least-squares fit
+        estimate, relative_sigmas = _fit_window(rates, window)
+        _tighten_limits(estimate, relative_sigmas, width, agrees, low, high)
+        stops = ~agrees if window <= SHARP else _keep_rows_of_three(~agrees)
+        window_leverages = relative_sigmas**2  # as in any least-squares fit
         if stops.any():
             ramp = _compute_ramp(stops, 0.5 * window)
-            trust = ramp if trust is None else np.minimum(trust, ramp)
-        if trust is None:
-            best, own = estimate, share
-        elif not trust.any():
+            fading = ramp if fading is None else np.minimum(fading, ramp)
+        if fading is None:
+            smoothed, leverages = estimate, window_leverages
+        elif not fading.any():
             break
         else:
-            best, own = best + trust * (estimate - last), own + trust * (share - last_own)
-        last, last_own = estimate, share
-    return np.asarray(best), float(own.sum())
+            smoothed = smoothed + fading * (estimate - previous)
+            leverages = leverages + fading * (window_leverages - previous_leverages)
+        previous, previous_leverages = estimate, window_leverages
+    return np.asarray(smoothed), float(leverages.sum())
 
 
 @compile_cached

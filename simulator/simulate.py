@@ -34,7 +34,7 @@ TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
-    """Noise-free truth of a scenario; more than one integration step per gyro sample only shows that one is enough."""
+    """Simulate the noise-free truth of a scenario; substeps: integration steps per gyro sample."""
     parts = [_move(profile, scenario, substeps) for profile in build_profiles(scenario)]
 
     def join(name: str) -> Array:

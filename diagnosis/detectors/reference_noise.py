@@ -127,7 +127,7 @@ def estimate_reference_noise(
         return ReferenceNoise(factor, sigma, p, axis, settings.sample_event)
     axes = np.arange(3) if axis is None else np.array([axis])
     of_gyro = bool(np.any(factor > 1)) and _compute_log_odds(found, wider, axes) < UNLIKELY
-    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _compute_likeness(found, wider, axes))
+    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _test_white_normal(found, wider, axes))
 
 
 def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
@@ -159,18 +159,19 @@ def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tupl
     return float(first), float(second)
 
 
-def _compute_likeness(found: Differences, wider: Differences, axes: Indices) -> float:
-    """Compute the p-value of differences if the references' errors are white and normal: their two spacings, and their tails.
+def _test_white_normal(differences: Differences, wider: Differences, axes: Indices) -> float:
+    """Compute the p-value of white and normal reference errors from the ratio of both spacings and the share of outliers.
 
-    Differences of every third reference share no reference. Their robust sigma is known to 1.17/√n.
+    Every third difference is counted, since these share no reference. A robust sigma has the relative error 1.17/√n.
     """
-    of_spacings = float(scipy.special.chdtrc(axes.size, sum(_compare_spacings(found, wider, axis)[0] for axis in axes)))
-    scale = np.median(np.abs(found.values), axis=0) / NORMAL
-    limit = TRIM * (1 - ROBUST_ERROR / np.sqrt(len(found.values))) * scale
-    share = 2 * scipy.special.ndtr(-TRIM * (1 - ROBUST_ERROR / np.sqrt(len(found.values))))
-    beyond = np.abs(found.values[::3, axes]) > limit[axes]
-    of_tails = float(scipy.special.bdtrc(beyond.sum() - 1, beyond.size, share)) if beyond.any() else 1.0
-    return min(1.0, 2 * min(of_spacings, of_tails))
+    spacing_p = float(scipy.special.chdtrc(axes.size, sum(_compare_spacings(differences, wider, axis)[0] for axis in axes)))
+    sigma = np.median(np.abs(differences.values), axis=0) / NORMAL
+    limit = TRIM * (1 - ROBUST_ERROR / np.sqrt(len(differences.values)))  # sigmas
+    is_outlier = np.abs(differences.values[::3, axes]) > limit * sigma[axes]
+    expected_share = 2 * scipy.special.ndtr(-limit)
+    count = is_outlier.sum()
+    outlier_p = float(scipy.special.bdtrc(count - 1, is_outlier.size, expected_share)) if count else 1.0
+    return min(1.0, 2 * min(spacing_p, outlier_p))
 
 
 def _find_differences(series: ReferenceSeries, density: Array, motion: Array | None, apart: int) -> Differences:

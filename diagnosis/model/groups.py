@@ -177,7 +177,7 @@ def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found:
 
 
 def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
-    """Every discrepancy that is on no list, with an amplitude of any size."""
+    """Build the candidates for effects outside the library: periodic, deterministic and random misfits of any amplitude."""
     named = [effect.on_references for effect in effects if effect.scanned]
     for one in periodic_alternatives.list_families(model, found, named):
         yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)

@@ -248,7 +248,7 @@ class LinearModel:
         return float(self.candidates[member.candidate].scales[member.scale])
 
     def build_design(self, members: Sequence[SelectedCandidate]) -> tuple[Indices, Array, Indices]:
-        """An explanation: columns with unknown amplitudes, the scale of each, and shifts."""
+        """Return an explanation's column indices: those with free amplitudes, with their prior scales, and those of shifts."""
         places, scales, shifts = [np.empty(0, dtype=np.intp)], [np.empty(0)], []
         for member in members:
             own = np.arange(self.option(member).start, self.option(member).start + self.option(member).count)

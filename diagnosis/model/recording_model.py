@@ -1,24 +1,23 @@
-"""The linearisation of a recording: attitude errors in inertial axes, their covariance, and columns of any effect.
+"""Linearised model of a recording: attitude errors in inertial axes, their covariance, and the columns of any effect.
 
-An interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b, by the calibrator's
-own compiled pass (`gyrocal.propagate`). Residuals exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are turned back to inertial axes,
+Each interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b
+(`gyrocal.propagate`). The residuals exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are rotated back to inertial axes,
 ζ_k = −A_prop,kᵀ θ_k. If the true rate is ω = ω_adj + δω, then to first order
 
     ζ_k = φ + ∫₀^{t_k} Aᵀ(t) δω(t) dt − A_kᵀ ν_k + g(t_k)
 
 with φ the interval's start attitude error, ν_k the error of reference k in body axes (A_obs = exp([ν×]) A_true) and g the
-integrated gyro noise, whose covariance ARW² min(t_a, t_b) I does not depend on the axes since it is isotropic. In inertial
-axes the integral is a plain running sum, so that every column, and every step of it at any time, comes from one cumulative
-sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0), and φ is a nuisance
-parameter.
+integrated gyro noise. The noise is isotropic, so its covariance ARW² min(t_a, t_b) I is the same in all axes. In inertial axes
+the integral is a cumulative sum. One such sum gives the column of an effect for every time at which the effect may start. A
+reading that is too high by r has δω = −G r. The first reference is an observation too (ζ = 0), and φ is a nuisance parameter.
 
-Where ζ is not small, Aᵀ along the propagated attitude is not Aᵀ along the true one, and the first order is not enough.
-`diagnosis.model.relinearised_path` then takes A along the references, and for ζ the integral of the error along that path.
+If ζ is large, the propagated attitude A differs from the true one and the first order is not enough.
+`diagnosis.model.relinearised_path` then takes A from the references and integrates the error along that path.
 
-The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
-the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
-evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
-model with nuisance parameters).
+The nuisance parameters of M0 (φ of every interval, G, b) are projected out. Under M0 the whitened observations y are N(0, I) in
+the complement of the nuisance columns; an effect adds its projected column. Tests, evidence, amplitudes and predictions need
+only y and these columns. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear model with
+nuisance parameters).
 
 Long recordings are condensed to fewer steps and observations (`diagnosis.model.linearise`).
 """
@@ -405,7 +404,7 @@ def build_basis(columns: Array) -> Array:
 
 
 def build_parameter_errors(raw: Array) -> Array:
-    """(n, 3, 12) errors of rates of unit errors of G_xx, G_xy, …, G_zz, b_x, b_y, b_z, from the raw rates (n, 3)."""
+    """Build rate errors (n, 3, 12) per unit error of G_xx, G_xy, …, G_zz, b_x, b_y, b_z from the raw rates (n, 3)."""
     out = np.zeros((len(raw), 3, 12))
     for axis in range(3):
         out[:, axis, 3 * axis : 3 * axis + 3] = raw

@@ -223,13 +223,12 @@ def _drop_time(parameters: Parameters) -> Parameters:
 
 
 def _list_fixed_parameters(parameters: Iterable[Parameters]) -> list[Parameters]:
-    """Each set of parameters but the time, once."""
-    found: list[Parameters] = []
-    for one in parameters:
-        fixed = _drop_time(one)
-        if fixed not in found:
-            found.append(fixed)
-    return found
+    """List the distinct sets of parameters that remain without the step's time."""
+    distinct: list[Parameters] = []
+    for fixed in map(_drop_time, parameters):
+        if fixed not in distinct:
+            distinct.append(fixed)
+    return distinct
 
 
 def _find_ratio_peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> StepPeak:

@@ -36,7 +36,7 @@ FITTING = 12.0  # χ² above the least, up to which a delay is an option
 
 @dataclass(frozen=True)
 class Delay:
-    """(N, 1) whitened columns per second at some delay, and the share of that delay."""
+    """One possible delay: whitened columns (N, 1) per second of delay, and its prior weight."""
 
     columns: Array
     weight: float

@@ -69,7 +69,7 @@ class Signature:
         return np.asarray(np.linalg.eigh(X.T @ X)[1].sum(axis=1) / np.sqrt(X.shape[1]))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """(N, count) draws of a random effect; else (N, 1), the signature at the time of the median ‖x‖ and a typical phase."""
+        """Draw a random effect (N, count); else return the signature (N, 1) at the option of median ‖x‖ and a typical phase."""
         if self.process:
             return np.asarray(self.X[:, 0] @ rng.standard_normal((self.X.shape[2], count)))
         return np.asarray(self.X[:, self.middle] @ self.amplitudes)[:, None]

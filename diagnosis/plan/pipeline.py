@@ -29,18 +29,18 @@ def plan(
     seed: int = 0,
     settings: DiagnosisSettings = DEFAULT,
 ) -> Plan:
-    """Predict what a recording of a scenario can show.
+    """Predict the smallest detectable size of each effect in a recording of a scenario, and which effects look alike.
 
-    An `InputError` if there is no such effect, or an extra maneuver is no valid continuation of the scenario.
+    Raises an `InputError` if an effect is unknown or an extra maneuver cannot follow the scenario.
 
     Parameters
     ----------
     scenario : the maneuver plan, with the gyro's and the references' noise
-    effects : names of those to look at; all by default
+    effects : names of the effects to evaluate; all by default
     extras : extra maneuvers by name, each a list of interval sections; those of `list_maneuvers` by default, none if empty
     progress : called with a text and the share done
-    seed : of the draws
-    settings : thresholds and priors of the diagnosis that the recording is for
+    seed : seed of the random draws
+    settings : thresholds and priors of the later diagnosis
     """
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)

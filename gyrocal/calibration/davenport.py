@@ -352,17 +352,17 @@ def _compute_prior_chi2(change: Array, columns: Indices, apriori_covariance: Arr
 def _format_unobservable(
     recording: Recording, references: int, combinations: tuple[str, ...], ranges: PlausibleRanges, problem: Problem
 ) -> str:
-    """One line; references is the number of residual vectors."""
+    """Format the error for a recording that determines no parameter combination; references: number of residual vectors."""
     intervals = len(recording.intervals)
     equations, p = 3 * references, problem.columns.size
     lead = f"{equations} equations for {p} parameters: " if equations < p else ""
     matrix, bias = ("G", "b") if problem.parametrisation == "gain" else ("s and u", "c")
-    biases = problem.columns >= 9
-    words = [f"{ranges.G:g} in {matrix}"] if not biases.all() else []
-    words += [f"{ranges.bias_deg_h:.3g} deg/h in {bias}"] if biases.any() else []
+    is_bias = problem.columns >= 9
+    limits = [f"{ranges.G:g} in {matrix}"] if not is_bias.all() else []
+    limits += [f"{ranges.bias_deg_h:.3g} deg/h in {bias}"] if is_bias.any() else []
     return (
         f"{lead}none of {p} parameter combination(s) can be found from {intervals} interval(s) with the stated noise to "
-        f"within its plausible range ({', '.join(words)}; {ranges.reason}): {list_combinations(combinations)}; "
+        f"within its plausible range ({', '.join(limits)}; {ranges.reason}): {list_combinations(combinations)}; "
         "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for), state wider plausible "
         "ranges (--plausible-g, --plausible-bias) or give what is known before (apriori_covariance, --prior-sigma-g with "
         "--prior-sigma-bias)"

@@ -123,18 +123,18 @@ class GyroParameters:
 
 
 def select(names: str | Iterable[str], known: tuple[str, ...] = NAMES) -> tuple[str, ...]:
-    """Parameter names to solve for, in the order of the known ones.
+    """List the parameters to solve for, in the order of `known`.
 
     Parameters
     ----------
     names : names or groups ("all", "bias", "scale", "misalignment", "gyro_x", "gyro_y", "gyro_z"), as a sequence or
-        separated by commas; a leading "-" takes out what follows, "all,-misalignment" is all but the misalignments
+        separated by commas; a leading "-" removes a name or group: "all,-misalignment" is all but the misalignments
     known : the twelve names of the parametrisation
 
     Raises
     ------
     InputError
-        An unknown name, or nothing left.
+        A name is unknown, or no parameter is left.
     """
     parts = [part.strip() for part in names.split(",")] if isinstance(names, str) else list(names)
     of_group = list_parameter_groups(known)

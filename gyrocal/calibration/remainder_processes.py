@@ -173,17 +173,17 @@ def correlate_references(process: Process, t_s: Array, others_s: Array) -> Array
 
 
 def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
-    """Compute u (m, 3, 12), the turn in the axes of the start by an error that lasts from the output before to each output.
+    """Compute u (m, 3, 12), the attitude error in the start's axes per unit parameter error from the output before to each.
 
     Parameters
     ----------
-    R, Theta : (m, 3, 3) and (m, 3, 12), interval by interval in the order of time
-    interval : (m,)
+    R, Theta : (m, 3, 3) rotation and (m, 3, 12) sensitivity since the interval's start, by interval in the order of time
+    interval : (m,) number of each output's interval
     """
-    turned = np.einsum("mji,mjp->mip", R, Theta)
-    turns = turned.copy()
-    going_on = interval[1:] == interval[:-1]
-    turns[1:][going_on] -= turned[:-1][going_on]
+    cumulative = np.einsum("mji,mjp->mip", R, Theta)
+    turns = cumulative.copy()
+    same_interval = interval[1:] == interval[:-1]
+    turns[1:][same_interval] -= cumulative[:-1][same_interval]
     return turns
 
 

@@ -45,16 +45,16 @@ def prepare_measurements(
     resampling: Resampling = "average",
     max_gap_s: float | None = None,
 ) -> Measurements:
-    """Arcs and references of a recording.
+    """Build the propagation arcs of a recording and match their outputs with the reference attitudes.
 
-    An `InputError` if the gyro stream does not cover an interval, has a gap in it, or step_s is not a multiple of the sample.
+    Raises an `InputError` if gyro samples are missing in an interval or step_s is not a multiple of the sample.
 
     Parameters
     ----------
     recording : the recording
     step_s : propagation step, a whole multiple of the sample; the sample itself by default
-    resampling : how a coarser step is made
-    max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
+    resampling : how a coarser step is made, see the module
+    max_gap_s : longest gap that is bridged by holding the last sample; half a sample by default
     """
     gyro = recording.gyro
     factor = _factor(step_s, gyro.sample_s)

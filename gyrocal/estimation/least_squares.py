@@ -109,7 +109,7 @@ class PlainLeastSquares:
         return np.tile(solution[:3], (self._count, 1)), solution[3:], float(np.linalg.norm(projected))
 
     def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """Errors of δ and of γ_n − S_n δb at some nodes, stacked: J = p + 3k.
+        """Compute how the noises map to the errors of δ and, at k nodes, of γ_n − S_n δb; J = p + 3k rows.
 
         Parameters
         ----------

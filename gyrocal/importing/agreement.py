@@ -1,21 +1,20 @@
-"""Do the rates fit the attitudes as they are read, and if not, how would they?
+"""Test whether gyro rates and attitudes agree as read, and find the wrong unit, order or sign if they do not.
 
-Over windows between two attitudes the mean body rate follows from the attitudes, dA/dt = −[ω×] A, and from the gyro:
+The mean body rate between two attitudes follows from the attitudes, dA/dt = −[ω×] A, and from the gyro:
 
     w_ref = s Π w_gyro(t + τ) + b + noise
 
-with s = 1, Π = I and τ = 0 if everything is read rightly; b is the gyro's bias. A wrong reading changes s (unit of rate or of
+with the gyro's bias b; if everything is read correctly, s = 1, Π = I and τ = 0. A reading error changes s (unit of rate or of
 time), Π (order and sign of the axes), τ (time tags) or w_ref itself (order of the quaternion's elements, its direction). All
 combinations of these are tried. For one reading of the attitudes and one τ, with centred sums
 
     |w_ref − s Π w − b|² = Σ|w_ref|² − 2 s tr(Πᵀ Σ w_ref wᵀ) + s² Σ|w|²
 
-gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
-changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
-tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. A free matrix in the place of s Π has in the rows of its inverse
-the directions of the gyros, which need not be at right angles. Of what fits nearly as well as the best, the one reading that
-changes least is named. Where none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then
-the cause of the misfit is sought (`misfit`).
+gives all s and Π at once. τ maximises the correlation of the magnitudes of both rates, which does not depend on s, Π or the
+direction of the attitude. A general rotation of the gyro's axes is tried last: the rotation that maximises tr(Πᵀ Σ w_ref wᵀ)
+follows from a singular value decomposition. Skew axes: a free matrix takes the place of s Π; the rows of its inverse are the
+gyros' directions. Among readings that fit nearly as well as the best, the one with the fewest changes is reported. If none
+fits, an alignment with a free factor and clock rate is tried (`alignment`), then the cause of the misfit is sought (`misfit`).
 """
 
 from __future__ import annotations

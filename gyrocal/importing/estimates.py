@@ -300,7 +300,7 @@ def estimate_walk_in_motion(rates: Array, sample_s: float) -> Array:
 
 
 def compute_misses(recording: Recording) -> tuple[Array, Measurements, Propagation]:
-    """(m, 3) by how much the gyro, from each interval's first reference, misses those after it, rad; arcs and their pass."""
+    """Compute residuals (m, 3) of references against propagation from their interval's first one, rad; arcs; propagation."""
     prepared = prepare_measurements(recording)
     run = propagate(prepared.arcs, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)

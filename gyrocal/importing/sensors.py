@@ -68,7 +68,7 @@ def join_sensors(
 
 
 def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
-    """(3,) 1-sigma about the sensor's own axes, rad, from second differences over a lag."""
+    """Estimate the 1-sigma noise (3,) about the sensor's own axes, rad, from second differences at a spacing of lag_s."""
     step = float(np.median(np.diff(sensor.t_s)))
     lag = max(round(lag_s / step), 1)
     q = Rotation.from_quat(sensor.q)

@@ -123,7 +123,7 @@ class DataMask:
         return [one.to_json() for one in self.stretches]
 
     def to_frame(self) -> pd.DataFrame:
-        """The stretches as a table of a recording."""
+        """Build the table in which a recording stores the masked stretches."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
         rows = [(one.from_s, one.to_s, one.what, one.axis or "", one.size) for one in self.stretches]

@@ -20,7 +20,7 @@ LARGEST_HEADER = 1 << 24  # bytes of recording.toml
 
 
 def check_regular(path: Path) -> None:
-    """Refuse what is no regular file; one that is not there is left to whoever reads it."""
+    """Refuse a folder, pipe or device; a missing file is left for the reader to report."""
     try:
         mode = os.stat(path).st_mode
     except OSError:

@@ -73,7 +73,7 @@ def check_norms(quaternions: Array, what: str = "") -> None:
 
 
 def check_attitudes(attitudes: Attitudes) -> None:
-    """Times that increase, unit quaternions, and sigmas that an attitude can have."""
+    """Check reference attitudes: increasing times, unit quaternions, sigmas in range, valid correlations."""
     check_times(attitudes.t_s, "attitude")
     count = attitudes.t_s.size
     if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):

@@ -101,7 +101,7 @@ def build_trmm_sensors(
 
 @compile_cached
 def compute_head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[float, float]:
-    """Tangents (tan α, tan β') that the heads see of a direction s in the α head's frame, s_z > 0; head (3,) rad."""
+    """Compute (tan α, tan β') of a direction s in the α head's frame, s_z > 0; head: Euler angles (3,) of the β head, rad."""
     c1, s1 = cos(head[0]), sin(head[0])
     c2, s2 = cos(head[1]), sin(head[1])
     c3, s3 = cos(head[2]), sin(head[2])

@@ -47,7 +47,7 @@ def compute_sun_vector(julian_date: Array | float) -> Array:
 
 
 def is_eclipsed(position: Array, sun: Array) -> Flags:
-    """Whether positions (..., 3) from the Earth's centre, m, lie in its cylindrical shadow; sun (..., 3) unit vectors."""
+    """Flag positions (..., 3), m from the Earth's centre, in its cylindrical shadow; sun: unit vectors (..., 3) to the Sun."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)
     return np.asarray((along < 0) & (across < EARTH_RADIUS))

@@ -268,7 +268,7 @@ VERDICT_NOTE = (
 
 
 def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
-    """Verdicts on the consistent estimators and on the controls."""
+    """Build the report: verdicts on the estimators that should be consistent and on the inconsistent controls."""
     judgements = judge(config, rows)
     verdicts = _build_verdict_table(judgements)
     checks = [

@@ -63,14 +63,15 @@ def list_subsets(intervals: int) -> list[tuple[int, ...]]:
 
 @build_once
 def _simulate_all_intervals(
-    config: ManeuversNeededConfig, flown: NoiseFreeSimulation
+    config: ManeuversNeededConfig, simulation: NoiseFreeSimulation
 ) -> tuple[dict[str, Recording], GyroParameters]:
-    """Noise-free recordings with all intervals, by the kind of references, and the true parameters."""
-    every: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
-    scenarios = {kind: override(flown.scenario, {"reference.at": kind, **every[kind]}) for kind in REFERENCE_PLACEMENTS}
-    return {kind: NoiseFreeSimulation.simulate(scenario).plain for kind, scenario in scenarios.items()}, get_true_parameters(
-        flown.scenario
-    )
+    """Simulate noise-free recordings of all intervals, by reference placement, and return the true parameters as well."""
+    spacing: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
+    recordings = {}
+    for kind in REFERENCE_PLACEMENTS:
+        scenario = override(simulation.scenario, {"reference.at": kind, **spacing[kind]})
+        recordings[kind] = NoiseFreeSimulation.simulate(scenario).plain
+    return recordings, get_true_parameters(simulation.scenario)
 
 
 def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording:

@@ -102,7 +102,7 @@ Dispersion = Annotated[Normal | Uniform | LogUniform, Field(discriminator="kind"
 
 
 class Correlation(BaseModel):
-    """Gaussian copula of the dispersions of some paths, with the correlation matrix of normal numbers."""
+    """Correlation of dispersed parameters: a Gaussian copula; `matrix` correlates the underlying normal variables."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 

@@ -113,13 +113,13 @@ def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
 
 
 def _is_installed(name: str, spec: ModuleSpec) -> bool:
-    """Whether a module, which is in no package, is none of ours and of the standard library or an installed package."""
+    """Check whether a top-level module is of the standard library or an installed package, not of this project."""
     if name in SOURCE_PACKAGES:
         return False
-    places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
+    paths = [Path(path).resolve() for path in spec.submodule_search_locations or [str(spec.origin)]]
     installed = {"site-packages", "dist-packages"}
     return spec.origin in ("built-in", "frozen") or any(
-        place.is_relative_to(STANDARD_LIBRARY) or installed & {*place.parts} for place in places
+        path.is_relative_to(STANDARD_LIBRARY) or installed & {*path.parts} for path in paths
     )
 
 

@@ -216,7 +216,7 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:
-    """The scenario of one case, overrides and dispersions applied; `InputError` if the draws make no valid one."""
+    """Build the scenario of one case with overrides and dispersions; `InputError` if the drawn values are not valid."""
     drawn = draw_case_values(config, case)
     scenario = load_base_scenario(config)
     return scenarios.override(scenario, drawn) if drawn else scenario

@@ -159,7 +159,7 @@ def add_recalibration_tables(scenario: Scenario, made: Reproduction) -> None:
 
 
 def build_page_tables(tables: dict[str, pd.DataFrame]) -> list[Table]:
-    """Build N Tables 2 to 5 beside the flight's values from the reproduction's tables; 2 to 4 for each step."""
+    """Format N Tables 2 to 5, simulated beside flight values; Tables 2 to 4 once per propagation step."""
     shown = []
     for name in ("table2", "table3", "table4"):
         title, note = paper_tables.PAPER_TABLE_TITLES[name], TABLE_NOTES[name]

@@ -24,7 +24,7 @@ RESULT_SETTINGS = ("cases", "entropy", "scenario", "overrides", "days", "seeds",
 
 @dataclass(frozen=True)
 class Results:
-    """What a folder holds."""
+    """Settings, summary and tables of one results folder."""
 
     folder: Path  # its path
     config: dict[str, Any]  # settings that the results depend on

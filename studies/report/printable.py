@@ -1,4 +1,4 @@
-"""Text as a terminal and a page may have it: what is in a file must not move the cursor or break an XML document."""
+"""Removal of control characters: text from a file must not move a terminal's cursor or break an XML document."""
 
 import re
 

@@ -178,7 +178,7 @@ def record_truth(config: StoryConfig, case: int, streams: Streams, truth: str = 
 
 
 def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
-    """A row for each truth."""
+    """Simulate the sensor tables under each truth and diagnose them; one row per truth."""
     base = load_base_scenario(config)
     return [
         _build_truth_row(

@@ -131,7 +131,7 @@ def split_interval(name: str, interval: tuple[float, float] | None) -> Row:
 
 
 def build_cause_rows(found: Diagnosis) -> list[Row]:
-    """Build a row for each cause, with the probability that it or an indistinguishable one is at work."""
+    """Build one row per cause with the probability that the cause, or one indistinguishable from it, is present."""
     return [
         {
             "kind": "cause",

@@ -380,21 +380,26 @@ def _list_column_changes(world: World, effect: Effect, stated: Setting) -> list[
 
 
 def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Judge each stated cause: whether it or its set is there or the same as what is there, and its side and axis."""
+    """Compare each stated cause with the simulated effects; `hits` and `near` hold the effects' numbers.
+
+    `hits`: effects that a named cause equals or reproduces but for `SAME_POWER`, or that a cause stated by side has in its
+    group. `near`: effects on the same side and axis.
+    """
     out = []
     for cause in causes:
         named = "effect" in cause
         side = find_side(cause["effect"] if named else cause["group"][0].partition(":")[0])
         hits, near = [], []
-        for number, one in enumerate(drawn.settings):
-            same_axis = one.axis is None or cause["axis"] is None or one.axis == cause["axis"]
-            near += [number] if same_axis and find_side(one.effect) == side else []
-            exact = named and one.effect == cause["effect"] and (one.axis is None or one.axis == cause["axis"])
-            alike = exact or (named and measure_left_power(drawn.world, one, cause) <= SAME_POWER)
-            if alike or (not named and one.label() in cause["group"]):
+        for number, effect in enumerate(drawn.settings):
+            equal_axis = effect.axis is None or effect.axis == cause["axis"]
+            if (equal_axis or cause["axis"] is None) and find_side(effect.effect) == side:
+                near.append(number)
+            equal = named and equal_axis and effect.effect == cause["effect"]
+            alike = equal or (named and measure_left_power(drawn.world, effect, cause) <= SAME_POWER)
+            if alike or (not named and effect.label() in cause["group"]):
                 hits.append(number)
         label = Setting(cause["effect"] if named else f"{side}, slow random", cause["axis"], 0.0).label()
-        in_set = bool(hits) or any(one.label() in cause["group"] for one in drawn.settings)
+        in_set = bool(hits) or any(effect.label() in cause["group"] for effect in drawn.settings)
         judged = {"named": named, "right": bool(hits if named else near), "in_set": in_set, "hits": hits, "near": near}
         out.append({"cause": label, "p": cause["probability"], **judged})
     return out

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from diagnosis.model.sensors.arcs import build_arc, fit_arc, is_steady
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Interval, Recording
-from gyrocal.recording.sensor_tables import SensorTables
+from gyrocal.recording.sensor_tables import SensorTables, SunCounts
 
 Array = NDArray[np.float64]
 
@@ -77,36 +77,37 @@ def _compute_mean_square(recording: Recording, tables: SensorTables, interval: I
 
 
 def _list_misreadings(tables: SensorTables) -> Iterator[Reading]:
-    """Other readings of counts, directions and penetration angles, one at a time."""
+    """List the usual misreadings of counts, inertial directions and penetration angles, one change at a time."""
     sun, earth, ephemeris = tables.sun, tables.earth, tables.ephemeris
     assert sun is not None
     assert earth is not None
     assert ephemeris is not None
-    turned, mirrored = sun.counts[:, ::-1], FULL_SCALE - sun.counts
-    counts = [("count_alpha and count_beta exchanged", 1, turned)]
-    for number in (1, 2):
-        own = np.where((sun.sensor == number)[:, None], turned, sun.counts)
-        counts.append((f"count_alpha and count_beta of sensor {number} exchanged", 2, own))
-    for words, columns in (("count_alpha", [True, False]), ("count_beta", [False, True]), ("both counts", [True, True])):
-        counts.append((f"{words} counted from the other end", sum(columns), np.where(columns, mirrored, sun.counts)))
-    for words, changes, read in counts:
-        yield Reading(words, changes, replace(tables, sun=replace(sun, counts=read)))
+    for words, changes, counts in _list_count_misreadings(sun):
+        yield Reading(words, changes, replace(tables, sun=replace(sun, counts=counts)))
     yield Reading("sensors 1 and 2 exchanged", 1, replace(tables, sun=replace(sun, sensor=3 - sun.sensor)))
     yield Reading("the Sun's direction reversed", 1, replace(tables, ephemeris=replace(ephemeris, sun=-ephemeris.sun)))
     for names, changes, Pi in _list_axis_turns():
-        of_sun, of_position = (
-            replace(ephemeris, sun=ephemeris.sun @ Pi.T),
-            replace(ephemeris, position=ephemeris.position @ Pi.T),
-        )
-        yield Reading(f"sun_x, sun_y and sun_z as {names}", changes, replace(tables, ephemeris=of_sun))
-        words = f"position_x, position_y and position_z as {names}"
-        yield Reading(words, changes, replace(tables, ephemeris=of_position))
+        changed = replace(ephemeris, sun=ephemeris.sun @ Pi.T)
+        yield Reading(f"sun_x, sun_y and sun_z as {names}", changes, replace(tables, ephemeris=changed))
+        changed = replace(ephemeris, position=ephemeris.position @ Pi.T)
+        yield Reading(f"position_x, position_y and position_z as {names}", changes, replace(tables, ephemeris=changed))
     for words, factor in (("in rad, not deg", np.rad2deg(1.0)), ("divided by 57.296", np.deg2rad(1.0))):
         scaled = replace(earth, angles=factor * earth.angles)
         yield Reading(f"the penetration angles {words}", 1, replace(tables, earth=scaled))
     for order in list(permutations(range(4)))[1:]:
-        moved = replace(earth, angles=earth.angles[:, order], used=earth.used[:, order])
-        yield Reading(f"the quadrants in the order {', '.join(str(k + 1) for k in order)}", 1, replace(tables, earth=moved))
+        reordered = replace(earth, angles=earth.angles[:, order], used=earth.used[:, order])
+        yield Reading(f"the quadrants in the order {', '.join(str(k + 1) for k in order)}", 1, replace(tables, earth=reordered))
+
+
+def _list_count_misreadings(sun: SunCounts) -> Iterator[tuple[str, int, Array]]:
+    """List misreadings of the sun sensors' counts: in words, number of changes, and the counts read in this way."""
+    exchanged, mirrored = sun.counts[:, ::-1], FULL_SCALE - sun.counts
+    yield "count_alpha and count_beta exchanged", 1, exchanged
+    for number in (1, 2):
+        counts = np.where((sun.sensor == number)[:, None], exchanged, sun.counts)
+        yield f"count_alpha and count_beta of sensor {number} exchanged", 2, counts
+    for words, columns in (("count_alpha", [True, False]), ("count_beta", [False, True]), ("both counts", [True, True])):
+        yield f"{words} counted from the other end", sum(columns), np.where(columns, mirrored, sun.counts)
 
 
 def _list_axis_turns() -> Iterator[tuple[str, int, Array]]:

@@ -67,14 +67,14 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitud
 
 
 def _list_near_parameters(
-    label: str, one: HeldAmplitudes, places: Places, covariance: Array
+    label: str, fitted: HeldAmplitudes, places: Places, covariance: Array
 ) -> tuple[Mapping[str, Value], ...]:
-    """Parameters of an effect at a few sigmas from those held."""
-    own = [k for k, (other, _) in enumerate(places) if other == label]
-    values, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
-    factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    steps = [factor @ step for step in product(AROUND, repeat=len(own)) if np.any(step)]
-    return tuple(_move_parameters({label: one}, [places[k] for k in own], step)[label].parameters for step in steps)
+    """List an effect's parameters on a grid around the fitted ones, in sigmas along the principal axes of their covariance."""
+    indices = [k for k, (effect_label, _) in enumerate(places) if effect_label == label]
+    variances, directions = np.linalg.eigh(covariance[np.ix_(indices, indices)])
+    axes = directions * np.sqrt(np.maximum(variances, 0.0))
+    steps = [axes @ sigmas for sigmas in product(AROUND, repeat=len(indices)) if np.any(sigmas)]
+    return tuple(_move_parameters({label: fitted}, [places[k] for k in indices], step)[label].parameters for step in steps)
 
 
 def _estimate_parameter_covariance(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes], places: Places) -> Array:

@@ -162,13 +162,13 @@ class Noise:
 
 
 def estimate_sensor_noise(model: LinearModel, settings: DiagnosisSettings) -> Noise:
-    """Noise of the sensors."""
+    """Test by χ² whether the sensors' noise exceeds the stated one, after a fit of all columns together."""
     norms = np.linalg.norm(model.X, axis=0)
-    unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
-    (triangle,) = scipy.linalg.qr(np.column_stack([model.X * unit, model.y]), mode="r", check_finite=False)
+    inverse_norms = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    (triangle,) = scipy.linalg.qr(np.column_stack([model.X * inverse_norms, model.y]), mode="r", check_finite=False)
     A, b = triangle[:, :-1], triangle[:, -1]
-    solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
-    chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
+    amplitudes, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
+    chi2, dof = float(np.sum((b - A @ amplitudes) ** 2)), model.dof - int(rank)
     p = max(float(chdtrc(dof, chi2)), LEAST_POSITIVE) if dof > 0 else 1.0
     return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.chi2_sensors else Noise()
 

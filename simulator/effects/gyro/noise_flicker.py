@@ -14,7 +14,7 @@ from simulator.effects.common import DEG_H, gauss_markov, markov, put_on_axis
 
 
 def list_octave_constants(shortest: float, longest: float) -> Array:
-    """Octaves from one time to another, s."""
+    """List time constants an octave apart that span the shortest to the longest, s."""
     return np.asarray(shortest * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(max(longest / shortest, 1.0)))) + 1)))
 
 

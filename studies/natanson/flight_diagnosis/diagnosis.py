@@ -106,18 +106,19 @@ def _list_direction_candidates(
 
 
 def _make_timing_candidate(case: MotionNumbers, timings: Timings, u: Array, L: Array) -> CandidateColumns:
-    """Timings about a point, by finite differences of the simulator."""
+    """Build the candidate for slew timings, linearised about u by finite differences of the simulator."""
     steps = np.where(u > 0.5, -TIMING_STEP, TIMING_STEP)
     points = [u, *(u + np.diag(steps))]
-    flown = [timings.apply_timings(case.sections, one) for one in points]
-    values = case.predicted([sections[k] for sections in flown for k in timings.intervals])
-    values = values.reshape(len(points), len(timings.intervals), 3)
-    J = np.moveaxis((values[1:] - values[0]) / steps[:, None, None], 0, 2)  # (intervals, 3, m)
+    simulated = [timings.apply_timings(case.sections, point) for point in points]
+    residuals = case.predicted([sections[k] for sections in simulated for k in timings.intervals])
+    residuals = residuals.reshape(len(points), len(timings.intervals), 3)
+    J = np.moveaxis((residuals[1:] - residuals[0]) / steps[:, None, None], 0, 2)  # (intervals, 3, m)
     columns = np.zeros((6, 3, u.size + 1))
     columns[timings.intervals, :, :-1] = J * FLAT
-    columns[timings.intervals, :, -1] = values[0] - J @ (u - 0.5) - case.prediction[list(timings.intervals)]
-    names = dict(zip(timings.names, timings.values(case.sections, u).tolist(), strict=True))
-    return _make_shifted_candidate(TIMING, timings.axis, whiten(L, columns.reshape(18, -1)), names, 1.0, "")
+    # The shift: residuals extrapolated to the prior mean u = 1/2, less those with the assumed timings.
+    columns[timings.intervals, :, -1] = residuals[0] - J @ (u - 0.5) - case.prediction[list(timings.intervals)]
+    parameters = dict(zip(timings.names, timings.values(case.sections, u).tolist(), strict=True))
+    return _make_shifted_candidate(TIMING, timings.axis, whiten(L, columns.reshape(18, -1)), parameters, 1.0, "")
 
 
 def _make_noise_candidate(table: ResidualTable, baseline: Baseline, case: MotionNumbers) -> CandidateColumns:

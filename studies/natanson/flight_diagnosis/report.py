@@ -63,17 +63,17 @@ UNKNOWN_SIMULATED_DEG = 0.05
 
 
 def draw_flown_intervals(kind: str, scenario: Scenario, rng: np.random.Generator) -> tuple[IntervalSection, ...]:
-    """The six intervals as flown in a kind of table."""
+    """Draw the six intervals of a simulated table: random timings and reversed slews as its kind requires."""
     sections = list(scenario.interval)
-    *own, common = TIMINGS
-    chosen = own if "four" in kind else [common] if kind == "common timing" else []
+    *by_interval, common = TIMINGS
+    varied = by_interval if "four" in kind else [common] if kind == "common timing" else []
     if kind == "one timing":
-        chosen = [own[rng.integers(len(own))]]
-    for one in chosen:
-        for k, section in one.apply_timings(sections, rng.random(len(one.names))).items():
+        varied = [by_interval[rng.integers(len(by_interval))]]
+    for timings in varied:
+        for k, section in timings.apply_timings(sections, rng.random(len(timings.names))).items():
             sections[k] = section
-    flips = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
-    for k in flips.get(kind, ()):
+    reversals = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
+    for k in reversals.get(kind, ()):
         sections[k] = reverse_slews(sections[k])
     return tuple(sections)
 
