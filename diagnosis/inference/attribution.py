@@ -75,14 +75,19 @@ class Attribution:
     ranked: tuple[RankedExplanation, ...]  # all explanations, the likeliest first
 
 
-def rank_explanations(model: LinearModel, explanations: Sequence[Explanation]) -> tuple[RankedExplanation, ...]:
-    """Rank sets of effects by their posterior, in the order that they are given in; those that are stated alike are one."""
+def rank_explanations(
+    model: LinearModel, explanations: Sequence[Explanation], by_character: bool = True
+) -> tuple[RankedExplanation, ...]:
+    """Rank sets of effects by their posterior, in the order that they are given in; those that are stated alike are one.
+
+    Random processes are stated by their character, and then are nothing unlisted.
+    """
     norm, found = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
     for one in explanations:
         entries = [model.candidate(member) for member in one.members]
-        labels = tuple(label_statement(entry) for entry in entries)
+        labels = tuple(label_statement(entry) if by_character else entry.label for entry in entries)
         probability = float(np.exp(one.log_posterior - norm))
-        unlisted = not all(entry.listed or entry.process for entry in entries)
+        unlisted = not all(entry.listed or (entry.process and by_character) for entry in entries)
         first = found.setdefault(labels, RankedExplanation(labels, 0.0, one.log_evidence, unlisted))
         found[labels] = replace(first, probability=first.probability + probability)
     return tuple(found.values())
@@ -95,7 +100,7 @@ def label_statement(entry: Candidate) -> str:
 
 def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:
     """Rank sets of effects, the likeliest first, without naming a cause: for what is told by the sets themselves."""
-    ranked = rank_explanations(model, explanations)
+    ranked = rank_explanations(model, explanations, by_character=False)
     return Attribution("unknown", explanations[0], (), sum(one.probability for one in ranked if one.unlisted), ranked)
 
 
