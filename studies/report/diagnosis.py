@@ -362,7 +362,10 @@ def _build_cause_items(diagnosis: Diagnosis) -> list[Item]:
             "indistinguishable from": ", ".join(map(_format_label, _list_others(cause))) or "none",
             "one of these": format_percent(cause.group_probability),
             "details": "; ".join(
-                _describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()
+                [
+                    *(["gyro or references: undecided"] if _is_undecided(cause) else []),
+                    *(_describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()),
+                ]
             ),
         }
         for cause in diagnosis.causes
