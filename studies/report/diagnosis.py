@@ -135,9 +135,10 @@ def _format_answer(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         clauses = [_format_clause(cause) for cause in diagnosis.causes]
         more = f"; beside it, {join_items(clauses, 'and')}" if clauses else ""
+        like = "" if diagnosis.remainder is None else _describe_likeness(diagnosis.remainder)
         if diagnosis.unknown_probability < DEFAULT.named:
-            return f"The cause of the misfit is unknown; it may be an effect outside the library{more}"
-        return f"An effect outside the library causes the misfit{more}"
+            return f"The cause of the misfit is unknown; it may be an effect outside the library{like}{more}"
+        return f"An effect outside the library causes the misfit{like}{more}"
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         return f"This recording cannot show {'the cause of its misfit' if diagnosis.present else 'whether there is a misfit'}"
     clauses = [_format_with_alternatives(cause, diagnosis) for cause in diagnosis.causes]
@@ -149,6 +150,18 @@ def _format_answer(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partial" or (len(clauses) > MOST_IN_HEADLINE and diagnosis.budget):
         return _start_with_capital(f"{clauses[0]}{_state_shares(diagnosis)}")
     return _start_with_capital(("; and " if diagnosis.verdict == "group" else ", and ").join(clauses))
+
+
+def _describe_likeness(left: RemainderSummary) -> str:
+    """Clause that says how a misfit without a cause acts, where it is random errors of one kind alone."""
+    sizes = {
+        "the gyro's rate were off by up to {:.2g} deg/h": max(left.gyro_deg_h),
+        "the reference attitudes were off by up to {:.2g} deg": max(left.reference_deg),
+        "the time tags were off by {:.2g} s": left.time_tags_s,
+    }
+    seen = [text.format(size) for text, size in sizes.items() if size > 0]
+    is_doubtful = left.side == UNDECIDED and max(left.gyro_deg_h) > 0  # the references may drift as much
+    return f", as if {seen[0]} (1 sigma)" if len(seen) == 1 and not is_doubtful else ""
 
 
 def _state_shares(diagnosis: Diagnosis) -> str:

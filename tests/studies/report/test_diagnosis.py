@@ -102,3 +102,17 @@ def test_a_partial_answer_states_the_share_of_its_causes_and_the_largest_source_
     page = checked(report.build_diagnosis_page(whole).render_html())
     assert {"budget", "residuals"} <= set(page.figures)
     assert "No identified cause explains 93 % (87 to 96 %) of the misfit." in page.words
+
+
+def test_an_unknown_cause_is_said_to_act_as_random_errors_of_one_kind():
+    tags = RemainderSummary(1.0, (1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0025, 0.0, 1.0, "undecided", 0.7, ())
+    gyro = dataclasses.replace(tags, time_tags_s=0.0, gyro_deg_h=(40.0, 2.0, 0.0), side="gyro")
+    for left, words in (
+        (tags, "misfit, as if the time tags were off by 0.0025 s (1 sigma)"),
+        (gyro, "misfit, as if the gyro's rate were off by up to 40 deg/h (1 sigma)"),
+        (dataclasses.replace(gyro, side="undecided"), "causes the misfit"),
+        (dataclasses.replace(tags, reference_deg=(0.1, 0.0, 0.0)), "causes the misfit"),
+    ):
+        found = report.format_headline(dataclasses.replace(CASES["unknown"](), remainder=left))
+        assert words in found
+        assert ("as if" in found) == ("as if" in words)
