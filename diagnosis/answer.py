@@ -15,16 +15,17 @@ Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifiable"]
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
-UNDECIDED = "undecided"  # side of a remainder
+UNDECIDED = "undecided"  # side of a remainder, or of a random error
+MOST = 0.5  # share of the misfit beyond which a remainder is most of it
 SAME_S = 0.005  # two times that are stated as one
 
 
-def name_unnamed(effect: str) -> str:
-    """Name a random process by side and character."""
-    side = next(
-        (side for word, side in (("reference", "references"), ("time", "time tags")) if effect.startswith(word)), "gyro"
-    )
-    return f"{side} slow random"
+def label_by_character(label: str) -> str:
+    """Label of a random process with side and character in place of its name, and its axis."""
+    effect, separator, axis = label.partition(":")
+    sides = (("reference", "references"), ("time", "time tags"))
+    side = next((side for word, side in sides if effect.startswith(word)), "gyro")
+    return f"{side} slow random{separator}{axis}"
 
 
 def format_span(start_s: float, stop_s: float) -> str:
@@ -80,8 +81,8 @@ class Cause:
     @property
     def label(self) -> str:
         """effect:axis, or side and character in place of the effect."""
-        effect = self.effect if self.named else name_unnamed(self.effect)
-        return effect if self.axis is None else f"{effect}:{self.axis}"
+        label = self.effect if self.axis is None else f"{self.effect}:{self.axis}"
+        return label if self.named else label_by_character(label)
 
 
 @dataclass(frozen=True)

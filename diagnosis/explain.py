@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.answer import Closure, RemainderSummary, name_unnamed
+from diagnosis.answer import MOST, Closure, RemainderSummary, label_by_character
 from diagnosis.budget import Step, is_surely_closing, measure_causes, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
@@ -124,7 +124,7 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
     fitted, slots = [fitted[k] for k in order], [slots[k] for k in order]
     while True:
         held, budget = measure_causes(model, fitted, beside, [slot.group_probability for slot in slots])
-        unexplained = len(budget) > 1 and (budget[-2].closed or 0.0) > settings.unknown
+        unexplained = len(budget) > 1 and (budget[-2].closed or 0.0) > MOST
         doubtful = sorted(
             (step.closed, k)
             for k, step in enumerate(budget[1 : 1 + len(fitted)])
@@ -198,7 +198,10 @@ def infer_causes(
         fine, members = refine_explanation(inferred.linear, inferred.best.members)
         parts = estimate_amplitudes(fine, members)
         slots = [named.get(member.candidate) for member in members]
-        fitted = [(_label_unnamed(one, slot), slot) for one, slot in zip(parts, slots, strict=True)]
+        fitted = [
+            (one if slot is None or slot.named else replace(one, label=label_by_character(one.label)), slot)
+            for one, slot in zip(parts, slots, strict=True)
+        ]
     stated = [(one, slot) for one, slot in fitted if slot is not None]
     attribution = Attribution("unknown", inferred.best, tuple(slot for _, slot in stated), inferred.unknown, inferred.ranked)
     beside = tuple(one for one, slot in fitted if slot is None)
@@ -210,13 +213,6 @@ def infer_causes(
     }
     fitted_causes = tuple(one for one, _ in stated)
     return replace(found, attribution=attribution, fitted=fitted_causes, beside=beside, p_bounds=bounds), inferred
-
-
-def _label_unnamed(one: FittedEffect, slot: CredibleGroup | None) -> FittedEffect:
-    """A cause with the label under which it is stated."""
-    if slot is None or slot.named:
-        return one
-    return replace(one, label=one.label.replace(one.effect, name_unnamed(one.effect), 1))
 
 
 def count_progress(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

@@ -23,9 +23,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from diagnosis.answer import Verdict, name_unnamed
+from diagnosis.answer import Verdict, label_by_character
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, sum_log_posterior
-from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
+from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 LEAST = 1e-300  # p-value, below which the factor is that of this one
@@ -45,8 +45,8 @@ class CredibleGroup:
     @property
     def label(self) -> str:
         """Label of what is stated."""
-        effect, separator, axis = self.group[0][0].partition(":")
-        return f"{effect if self.named else name_unnamed(effect)}{separator}{axis}"
+        first, _ = self.group[0]
+        return first if self.named else label_by_character(first)
 
     @property
     def group_probability(self) -> float:
@@ -85,17 +85,12 @@ def rank_explanations(
     norm, found = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
     for one in explanations:
         entries = [model.candidate(member) for member in one.members]
-        labels = tuple(label_statement(entry) if by_character else entry.label for entry in entries)
+        labels = tuple(label_by_character(entry.label) if by_character and entry.process else entry.label for entry in entries)
         probability = float(np.exp(one.log_posterior - norm))
         unlisted = not all(entry.listed or (entry.process and by_character) for entry in entries)
         first = found.setdefault(labels, RankedExplanation(labels, 0.0, one.log_evidence, unlisted))
         found[labels] = replace(first, probability=first.probability + probability)
     return tuple(found.values())
-
-
-def label_statement(entry: Candidate) -> str:
-    """Label under which a candidate is stated: of a random process, side, axis and character."""
-    return entry.label.replace(entry.effect, name_unnamed(entry.effect), 1) if entry.process else entry.label
 
 
 def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:

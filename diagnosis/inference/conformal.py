@@ -38,11 +38,6 @@ def compute_scores(posterior: Posterior) -> dict[str, float]:
     return out
 
 
-def score(posterior: Posterior, truth: Iterable[str]) -> float:
-    """Score of the truth."""
-    return compute_scores(posterior).get(name_of(truth), MISSING)
-
-
 def build_conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:
     """The explanations with a score of at most the limit, the likeliest first."""
     return tuple(name for name, value in compute_scores(posterior).items() if value <= limit)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.answer import label_by_character
 from diagnosis.inference.attribution import CredibleGroup, RankedExplanation, rank_explanations
 from diagnosis.inference.refinement import refine_model
 from diagnosis.inference.search import BASELINE_EXPLANATION, SCREEN_COLUMNS, Explanation, Search
@@ -237,8 +238,7 @@ def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) ->
 
 def is_alike(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are random processes of one side and axis."""
-    sides = [entry.effect.startswith("reference") for entry in (one, other)]
-    return one.process and other.process and sides[0] == sides[1] and one.axis == other.axis
+    return one.process and other.process and label_by_character(one.label) == label_by_character(other.label)
 
 
 def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[list[int]]:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from diagnosis.answer import UNDECIDED, Cause, Finding, RemainderSummary, format_span
+from diagnosis.answer import MOST, UNDECIDED, Cause, Finding, RemainderSummary, format_span
 from diagnosis.budget import Step
 from diagnosis.result import Details, Diagnosis
 from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
@@ -312,7 +312,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         EFFECTS[one.effect].stage if one.effect in EFFECTS and not _is_undecided(one) else "rate" for one in diagnosis.causes
     ]
     remedies = list(dict.fromkeys(part for stage in stages for part in REMEDIES[stage].split(". ")))
-    if diagnosis.remainder is not None and diagnosis.remainder.share > 0.5 and diagnosis.remainder.side != UNDECIDED:
+    if diagnosis.remainder is not None and diagnosis.remainder.share > MOST and diagnosis.remainder.side != UNDECIDED:
         remedies.insert(0, f"Look at {SIDE_NAMES[diagnosis.remainder.side]} first, the source of most of the misfit")
     return " ".join(f"{one}." for one in remedies)
 

@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
-from diagnosis.answer import name_unnamed
+from diagnosis.answer import label_by_character
 from diagnosis.budget import FLOOR, predict_held_out
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.conformal import MISSING, UNKNOWN, compute_scores, name_of
@@ -398,7 +398,7 @@ def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, An
             alike = equal or (named and measure_left_power(drawn.world, effect, cause) <= SAME_POWER)
             if alike or (not named and effect.label() in cause["group"]):
                 hits.append(number)
-        label = Setting(cause["effect"] if named else f"{side}, slow random", cause["axis"], 0.0).label()
+        label = Setting(cause["effect"], cause["axis"], 0.0).label() if named else label_by_character(cause["group"][0])
         in_set = bool(hits) or any(effect.label() in cause["group"] for effect in drawn.settings)
         judged = {"named": named, "right": bool(hits if named else near), "in_set": in_set, "hits": hits, "near": near}
         out.append({"cause": label, "p": cause["probability"], **judged})
@@ -439,15 +439,11 @@ def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
 
 def score_truth(drawn: DrawnCase, scores: Mapping[str, float]) -> float:
     """Conformal score of what is put in; of an effect outside the library, that of unknown or of its side and axis."""
-    labels = [
-        one.label().replace(one.effect, name_unnamed(one.effect) if find_effect(one.effect).is_process else one.effect)
-        for one in drawn.settings
-    ]
     if drawn.kind in ("none", "single", "pair"):
-        return scores.get(name_of(labels), MISSING)
+        labels = [(one.label(), find_effect(one.effect).is_process) for one in drawn.settings]
+        return scores.get(name_of(label_by_character(label) if random else label for label, random in labels), MISSING)
     last = drawn.settings[-1]
-    side = {"gyro": "gyro", "reference": "references", "time": "time tags"}[find_side(last.effect)]
-    character = f"{side} slow random" + ("" if last.axis is None else f":{last.axis}")
+    character = label_by_character(Setting(find_side(last.effect), last.axis, 0.0).label())
     return min(score for name, score in scores.items() if name == UNKNOWN or character in name.split(" + "))
 
 

@@ -1,9 +1,11 @@
 """The gap budget: effects identified in the presence of a remainder, and the shares that they close on held-out data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from diagnosis.budget import HeldOut
+from diagnosis.budget import HeldOut, is_surely_closing, predict_held_out
 from diagnosis.explain import explain
 from diagnosis.replication import combine_parts
 from diagnosis.settings import DEFAULT
@@ -13,14 +15,33 @@ from tests.diagnosis.recordings import prepared
 REMAINDER = ("bias_markov:y=0.4,time_constant_s=1000", "reference_correlated:x=0.01,time_constant_s=400")
 
 
+def recorded(seed, *effects):
+    return prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0)
+
+
 def explained(seed, *effects):
-    recording = prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0)
-    return explain(recording, [one for one in EFFECTS.values() if not one.is_process], DEFAULT, 0, lambda text, share: None)
+    return explain(
+        recorded(seed, *effects), [one for one in EFFECTS.values() if not one.is_process], DEFAULT, 0, lambda text, share: None
+    )
+
+
+ORBITAL = "bias_orbital:z=0.6,phase_deg=25"
 
 
 @pytest.fixture(scope="module")
 def orbital():
-    return explained(5, "bias_orbital:z=0.6,phase_deg=25")
+    return explained(5, ORBITAL)
+
+
+def test_a_set_of_effects_is_predicted_as_if_there_were_no_others(orbital):
+    model, effects = recorded(5, ORBITAL).model, [*orbital.fitted, orbital.beside[0]]
+    squares = predict_held_out(model, effects, sets=[(), [1], [0], [0, 1]]).squares
+    np.testing.assert_allclose(squares[:, [0, 2, 3]], predict_held_out(model, effects).squares)
+    np.testing.assert_allclose(squares[:, :2], predict_held_out(model, effects[1:]).squares)
+    noise = np.random.default_rng(3).standard_normal(effects[0].columns.shape)
+    other = replace(effects[0], columns=noise * np.linalg.norm(effects[0].columns) / np.linalg.norm(noise))
+    both = [effects[0], other]
+    assert [is_surely_closing(model, both, orbital.beside, k) for k in (0, 1)] == [True, False]
 
 
 def test_an_effect_beside_a_remainder_has_its_size_and_its_share(orbital):

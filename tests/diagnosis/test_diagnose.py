@@ -9,10 +9,13 @@ import pytest
 import scipy.special
 from scipy.spatial.transform import Rotation
 
-from diagnosis.answer import Cause
+from diagnosis.adopt import adopt_causes
+from diagnosis.answer import UNDECIDED, Cause
 from diagnosis.assemble import explain_blindness
+from diagnosis.budget import Step
 from diagnosis.detectors.sample_report import Symptom
-from diagnosis.diagnose import diagnose
+from diagnosis.diagnose import diagnose, doubt_sides
+from diagnosis.inference.levels import Level, Levels
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
@@ -22,10 +25,12 @@ from diagnosis.posterior import list_listed
 from diagnosis.settings import DEFAULT
 from diagnosis.verdict import decide_verdict
 from gyrocal import calibrate, load
+from gyrocal.masking import DataMask, MaskedStretch
 from simulator.effects import EFFECTS, parse
 from studies.report.diagnosis import format_headline
 from tests import SHARED
 from tests.diagnosis.recordings import QUICK, of_rates, plan, prepared, recorded, slews
+from tests.diagnosis_cases import CASES
 
 PRACTICE = SHARED / "practice"
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
@@ -379,7 +384,40 @@ OPEN = replace(CERTAIN, probability=0.6)
         (True, [], 0.1, {}, "unknown"),
         (True, [CERTAIN], 0.99, {"beside_remainder": True}, "partial"),
         (True, [CERTAIN], 0.1, {"blind": True}, "named"),
+        (True, [replace(CERTAIN, named=False)], 0.1, {}, "group"),
     ],
 )
 def test_the_verdict_of_causes_and_probabilities(present, causes, unlisted, further, verdict):
     assert decide_verdict(present, causes, unlisted, DEFAULT, **further) == verdict
+
+
+SLOW_ERROR = Cause(
+    "bias_markov", "z", 900.0, "deg/h", 60.0, {"time_constant_s": 0.3}, 0.97, ("bias_markov:z", "noise_flicker:z"), 0.97,
+    Levels(Level("gyro", 0.97), Level("z", 0.97), Level("slow random", 0.97)), named=False,
+)  # fmt: skip
+
+
+def test_a_random_error_is_stated_without_an_effect_and_simulated_as_its_first():
+    found = replace(CASES["group"](), causes=(SLOW_ERROR,))
+    (stated,) = found.to_json()["causes"]
+    assert "effect" not in stated
+    assert (stated["group"], stated["levels"]["side"]["name"]) == (["bias_markov:z", "noise_flicker:z"], "gyro")
+    assert SLOW_ERROR.label == "gyro slow random:z"
+    adoption = adopt_causes(found)
+    assert [one.label() for one in adoption.effects] == ["bias_markov:z"]
+    assert adoption.instead == (("bias_markov:z", ("noise_flicker:z",)),)
+
+
+@pytest.mark.parametrize(("jumps", "size", "side"), [(3, 0.5, UNDECIDED), (2, 0.5, "gyro"), (3, 0.05, "gyro")])
+def test_references_that_jump_far_and_often_leave_the_side_undecided(jumps, size, side):
+    """The misfit adds 0.087 deg; a cause with a name and one of the references stay as they are."""
+    budget = (Step("baseline", 4.0, 0.1), Step("floor", 1.0, 0.05))
+    of_references = replace(
+        SLOW_ERROR, effect="reference_correlated", levels=SLOW_ERROR.levels._replace(side=Level("references", 1))
+    )
+    mask = DataMask(tuple(MaskedStretch("reference jump", "x", 10.0 * k, 10.0 * k, size) for k in range(jumps)))
+    found = replace(CASES["group"](), causes=(SLOW_ERROR, CERTAIN, of_references), budget=budget, mask=mask)
+    doubted = doubt_sides(found, intervals=3)
+    assert doubted.causes[0].levels.side.name == side
+    assert doubted.causes[1:] == found.causes[1:]
+    assert ("or the reference attitudes" in format_headline(doubted)) == (side == UNDECIDED)

@@ -44,7 +44,7 @@ def read_log(folder, motion, seed, error=0.0, sigma=SIGMA, arw=ARW, **known):
     return import_csv(folder / "g.csv", folder / "a.csv", **WORDS, **known).recording
 
 
-@pytest.mark.parametrize("logs", choose_case_numbers(2, 16))
+@pytest.mark.parametrize("logs", choose_case_numbers(4, 16))
 def test_clean_logs_of_ten_minutes_have_uniform_p_values(tmp_path, logs):
     """A slow error of the references is found beside the same estimates."""
     motion = build_motion()
