@@ -61,7 +61,7 @@ class Cause:
     parameters : its other numbers, such as phase_deg or time_s
     probability : that this effect (and axis) is at work
     group : what could stand in its place, as effect:axis, itself included, the likeliest first
-    group_probability : that one of the group is at work
+    group_probability : that one of the group is at work, or a random error of its side and axis where no effect is named
     named : whether the effect is stated; else side, axis and character alone, whose probability it then is
     levels : side, axis and character of what stands in its place; None of what the samples show by themselves
     """

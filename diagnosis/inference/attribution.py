@@ -37,21 +37,17 @@ class CredibleGroup:
     """One effect of the best explanation, and the alternatives that this recording cannot tell from it."""
 
     member: SelectedCandidate  # the effect in the explanation
-    probability: float  # that it is at work
+    probability: float  # that it is at work, or a random error of its side and axis where no effect is named
+    group_probability: float  # that one of the group is at work, or such a random error
     group: tuple[tuple[str, float], ...]  # labels with probabilities, itself included, the likeliest first
     shares: Mapping[int, float] = field(default_factory=dict)  # probability of every candidate in its place, by its number
-    named: bool = True  # whether an effect is stated, or side, axis and character alone, whose probability it then is
+    named: bool = True  # whether an effect is stated, or side, axis and character alone
 
     @property
     def label(self) -> str:
         """Label of what is stated."""
         first, _ = self.group[0]
         return first if self.named else label_by_character(first)
-
-    @property
-    def group_probability(self) -> float:
-        """Probability that one of the group, or something else of its side, axis and character, is at work."""
-        return sum(p for _, p in self.group) if self.named else self.probability
 
 
 @dataclass(frozen=True)

@@ -223,17 +223,23 @@ def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) ->
     total = sum(listed.values())
     if total < 1 - settings.unknown:
         return None, 1 - total
-    order = sorted(listed, key=lambda number: -listed[number])
-    group = [(model.candidates[number].label, listed[number]) for number in order]
-    shown = [one for one in group if one[1] > settings.group_share * total][: settings.largest_group]
-    entry = model.candidate(place.member)
-    if not entry.process:
-        return CredibleGroup(place.member, group[0][1], tuple(shown), place.shares), 1 - total
-    alike = [number for number in place.shares if is_alike(model.candidates[number], entry)]
-    labels = {model.candidates[number].label for number in alike}
-    processes = tuple(one for one in shown if one[0] in labels)
-    character = sum(place.shares[number] for number in alike)
-    return CredibleGroup(place.member, character, processes or tuple(shown), place.shares, named=False), max(0.0, 1 - character)
+    characters = {number: sum_character(model, place.shares, number) for number in listed if model.candidates[number].process}
+    stated = {number: characters.get(number, p) for number, p in listed.items()}
+    top = max(stated, key=lambda number: (stated[number], listed[number]))
+    alike = [number for number in characters if is_alike(model.candidates[number], model.candidates[top])] or [top]
+    # Processes that are stated by their character come first, and then what else may stand in the place.
+    order = sorted(listed, key=lambda number: (number not in alike, -listed[number]))
+    group = [number for number in order if number == top or listed[number] > settings.group_share * total]
+    group = group[: settings.largest_group]
+    beside = sum(listed[number] for number in group if number not in alike)
+    shown = tuple((model.candidates[number].label, listed[number]) for number in group)
+    unlisted = 1 - (total if top not in characters else stated[top])
+    return CredibleGroup(place.member, stated[top], stated[top] + beside, shown, place.shares, top not in characters), unlisted
+
+
+def sum_character(model: LinearModel, shares: Mapping[int, float], number: int) -> float:
+    """Sum the probabilities of all random processes of the side and axis of one, listed or not."""
+    return sum(p for other, p in shares.items() if is_alike(model.candidates[other], model.candidates[number]))
 
 
 def is_alike(one: Candidate, other: Candidate) -> bool:

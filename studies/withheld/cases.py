@@ -382,8 +382,8 @@ def _list_column_changes(world: World, effect: Effect, stated: Setting) -> list[
 def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Compare each stated cause with the simulated effects; `hits` and `near` hold the effects' numbers.
 
-    `hits`: effects that a named cause equals or reproduces but for `SAME_POWER`, or that a cause stated by side has in its
-    group. `near`: effects on the same side and axis.
+    `hits`: effects that a named cause equals or reproduces but for `SAME_POWER`, or random ones that a cause stated by side has
+    in its group. `near`: effects on the same side and axis.
     """
     out = []
     for cause in causes:
@@ -396,7 +396,8 @@ def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, An
                 near.append(number)
             equal = named and equal_axis and effect.effect == cause["effect"]
             alike = equal or (named and measure_left_power(drawn.world, effect, cause) <= SAME_POWER)
-            if alike or (not named and effect.label() in cause["group"]):
+            random = effect.effect in EFFECTS and EFFECTS[effect.effect].is_process
+            if alike or (not named and random and effect.label() in cause["group"]):
                 hits.append(number)
         label = Setting(cause["effect"], cause["axis"], 0.0).label() if named else label_by_character(cause["group"][0])
         in_set = bool(hits) or any(effect.label() in cause["group"] for effect in drawn.settings)

@@ -59,7 +59,7 @@ def test_a_cause_that_does_not_close_anything_is_not_stated(monkeypatch, process
                      process and name == "bias_drift", np.zeros(model.size))
         for name in ("rate_lag", "bias_drift")
     )  # fmt: skip
-    slots = tuple(CredibleGroup(SelectedCandidate(k, 0, 0), 0.99, ((one.label, 0.99),)) for k, one in enumerate((a, b)))
+    slots = tuple(CredibleGroup(SelectedCandidate(k, 0, 0), 0.99, 0.99, ((one.label, 0.99),)) for k, one in enumerate((a, b)))
     steps = {
         "rate_lag": Step("rate_lag", 2.0, 1.0, 0.75, (0.6, 0.9), size=0.01, sigma=0.001, spread=0.003, ramp=(0.007, 0.0135)),
         "bias_drift": Step("bias_drift", 2.1, 1.0, share, (-0.1, 0.05), size=1.0, sigma=0.1),

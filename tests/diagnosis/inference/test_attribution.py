@@ -39,7 +39,7 @@ def test_sets_share_the_probability_and_those_with_something_unlisted_count_toge
 )
 def test_a_verdict_follows_from_the_probabilities_and_the_remainder(probabilities, remainder, verdict):
     model, found = three({(0,): 1.0})
-    slots = tuple(CredibleGroup(SelectedCandidate(0, 0, 0), p, (("e0", p),)) for p in probabilities)
+    slots = tuple(CredibleGroup(SelectedCandidate(0, 0, 0), p, p, (("e0", p),)) for p in probabilities)
     assert attribute(rank_all(model, found), slots, remainder).verdict == verdict
 
 
