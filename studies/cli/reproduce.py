@@ -20,17 +20,16 @@ if TYPE_CHECKING:
 
 LONGEST_REPRODUCED_DAYS = 200.0
 DAYS = 154.2  # as of studies.robertson.runs
-PAPER_FOLDERS = {"natanson": Path("build") / "reproduction", "robertson": Path("build") / "mission"}  # as of their modules
+PAPER_FOLDERS = {"natanson": Path("build") / "reproduction", "robertson": Path("build") / "mission"}
 COMMITTED = Path("results")
 MOST_MOVED = 20  # numbers shown of those that moved
 
 
 @click.command("reproduce")
-@click.option("--paper", type=click.Choice(list(PAPER_FOLDERS)), default=None, help="One paper only; both by default.")
+@click.option("--paper", type=click.Choice(list(PAPER_FOLDERS)), help="One paper only; both by default.")
 @click.option(
     "--out",
     type=PATH,
-    default=None,
     help="Folder to write to; with both papers, the one that holds 'reproduction', 'mission' and the page; 'build' by default.",
 )
 @add_count_option("--cases", 200, "natanson: seeds of the Monte Carlo.", least=2)

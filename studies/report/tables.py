@@ -56,13 +56,8 @@ def format_number(value: float, digits: int | None = None) -> str:
 
 
 def format_to_sigma(value: float, sigma: float) -> str:
-    """A value to two digits of its sigma."""
-    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else format_plain(value, sigma)
-
-
-def format_plain(value: float, _: float) -> str:
-    """A value whose sigma says nothing about its digits."""
-    return f"{value:.9g}"
+    """A value to two digits of its sigma; to nine without one."""
+    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else f"{value:.9g}"
 
 
 def format_short(value: float, digits: int = 2, sign: str = "") -> str:

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from studies import reproduction
 from studies.cli.mission import TABLES
@@ -82,7 +83,7 @@ def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli,
     before = json.loads((tmp_path / "summary.json").read_text())["yaw_update_deg"]["precalibration"]
     assert before["flight"] == 0.24
     assert before["simulated"] == pytest.approx(0.16, abs=0.03)  # its first days; 0.19 over the whole period
-    reproduce.run(tmp_path / "b", SHORT)
+    reproduce.run(tmp_path / "b", SHORT, 1, Console(quiet=True))
     again = json.loads((tmp_path / "b" / "manifest.json").read_text())
     assert again["files"] == manifest["files"]  # the same bytes
 
