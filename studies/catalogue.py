@@ -125,18 +125,9 @@ def run(
     requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
-    """Run a study to its end and write and show its report.
+    """Run a study to its end, or resume the part of it in the folder, and write and show its report.
 
-    Parameters
-    ----------
-    name : of the study
-    folder : where rows and report are written; a part of the same study that is there is resumed
-    changes : settings by dotted path, over those of the file config
-    console : for the report
-    junit : a file for what was found, as tests
-    page : a file for the page of the report
-    requirements : to answer from the rows
-    options : how and where it runs, as of `engine.run`; none of them changes its rows
+    Changes are settings by dotted path, over those of the file config. Options are how and where it runs, as of `engine.run`.
     """
     chosen = find_entry(name)
 
@@ -171,14 +162,11 @@ def run(
     if settings.dispersions:
         ranking = sensitivity.build_sensitivity_tables(rows, bool(settings.correlations))
         made = replace(made, tables={**made.tables, **ranking})
-    made = replace(
-        made,
-        checks=(*checks.check_requirements(answers), *made.checks),
-        findings=(*map(str, answers), *made.findings),
-    )
-    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
+    judged = (*checks.check_requirements(answers), *made.checks)
+    made = replace(made, checks=judged, findings=(*map(str, answers), *made.findings))
     if answers:
         outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
+    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
     whole, title = replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}"
     report.write(whole, title, folder)
     write_manifest(folder, outcome.manifest)

@@ -34,7 +34,7 @@ from studies.natanson.flight_diagnosis.table import (
     load_present_baseline,
     locate_misfit,
     read_flight_residual_table,
-    reverse_slews,
+    reverse_intervals,
     round_to_digits,
     simulate_each_interval,
 )
@@ -73,9 +73,7 @@ def draw_flown_intervals(kind: str, scenario: Scenario, rng: np.random.Generator
         for k, section in timings.apply_timings(sections, rng.random(len(timings.names))).items():
             sections[k] = section
     reversals = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
-    for k in reversals.get(kind, ()):
-        sections[k] = reverse_slews(sections[k])
-    return tuple(sections)
+    return reverse_intervals(sections, reversals.get(kind, ()))
 
 
 def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> ResidualTable:
@@ -98,12 +96,8 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
     coarser = before + np.cumsum(steps, axis=0)
     after = noise - (H @ error).reshape(6, 3)
     published = flight.read_published_calibration().vector - error
-    return ResidualTable(
-        round_to_digits(before, CELL_DEG),
-        round_to_digits(after, CELL_DEG),
-        round_to_digits(coarser, CELL_DEG),
-        round_to_digits(published, PUBLISHED_DIGITS),
-    )
+    cells = (round_to_digits(values, CELL_DEG) for values in (before, after, coarser))
+    return ResidualTable(*cells, round_to_digits(published, PUBLISHED_DIGITS))
 
 
 class FlightConfig(GridConfig):
@@ -133,14 +127,13 @@ def run_case(config: FlightConfig, number: int, streams: Streams) -> dict[str, A
     found = diagnose(simulate_table(kind, load_present_baseline(), streams.generator("table")), load_present_baseline())
     likeliest = next(iter(found.sets))
     named = frozenset(found.causes)
+    unnamed = {frozenset[str](): "none", frozenset({UNKNOWN_NAME}): "unknown"}  # verdicts on truths without a listed effect
     return {
         "kind": kind,
         "verdict": found.verdict,
         "causes": ", ".join(found.causes),
         "p_value": found.gap["p_value"],
-        "right": found.verdict == {frozenset(): "none", frozenset({UNKNOWN_NAME}): "unknown"}[truth]
-        if truth <= {UNKNOWN_NAME}
-        else named == truth,
+        "right": found.verdict == unnamed[truth] if truth in unnamed else named == truth,
         "in_group": truth in found.group,
         "false_name": bool(named - truth),
         "likeliest": " + ".join(sorted(likeliest)) or "nothing",
@@ -160,8 +153,8 @@ def list_trial_baselines() -> tuple[Baseline, ...]:
     right = load_present_baseline()
 
     def wrong(name: str, effect: str, *flips: int) -> Baseline:
-        sections = tuple(reverse_slews(s) if k in flips else s for k, s in enumerate(right.scenario.interval))
-        return Baseline(name, right.scenario.model_copy(update={"interval": sections}), done=frozenset({effect}))
+        scenario = right.scenario.model_copy(update={"interval": reverse_intervals(right.scenario.interval, flips)})
+        return Baseline(name, scenario, done=frozenset({effect}))
 
     return (
         right,
