@@ -35,13 +35,8 @@ def read_published_table(name: str) -> pd.DataFrame:
 def read_published_residuals(phase: str, step_s: float = 0.5) -> Array:
     """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
     rows = read_published_table("table2_residuals").query("phase == @phase and step_s == @step_s")
-    return _copy_read_only(rows[_ROTATION_COLUMNS].to_numpy())
-
-
-def _copy_read_only(values: Array) -> Array:
-    """Values that a fit asks for thousands of times, safe from being changed."""
-    out = values.copy()
-    out.setflags(write=False)
+    out = rows[_ROTATION_COLUMNS].to_numpy().copy()
+    out.setflags(write=False)  # a fit asks for them thousands of times
     return out
 
 

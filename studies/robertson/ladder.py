@@ -55,12 +55,6 @@ WINDOW_NUMBERS: tuple[Number, ...] = tuple(
 """R Table 3's 18 numbers."""
 
 
-def place_windows(period: str, count: int) -> Array:
-    """Days from launch of a period's windows."""
-    start, stop = (convert_to_mission_day(moment, MissionConfig()) for moment in FIRST_DAYS[period])
-    return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
-
-
 def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
     """The spacecraft with effects, as of `gyrocal mission --effect`."""
     return apply_mission_settings(MissionConfig(), [parse(text) for text in effects])
@@ -69,7 +63,8 @@ def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
 def simulate_window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
     """Simulate one orbit and solve it on the ground; a row of numbers."""
     config = apply_mission_effects(effects)
-    tables, day = build_period_tables(config), float(place_windows(period, count)[k])
+    start, stop = (convert_to_mission_day(moment, MissionConfig()) for moment in FIRST_DAYS[period])
+    tables, day = build_period_tables(config), start + (stop - start) * (k + 0.5) / count
     seed = entropy + 1000 * PERIODS.index(period) + k
     flying = replace(shift_mission_start(config, day), tables=tables[period])
     flying = replace(flying, gyro=replace(flying.gyro, bias=flying.gyro.bias + simulate_bias_walk(flying, day, entropy)))

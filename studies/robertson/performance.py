@@ -79,7 +79,10 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
             limit = published_tables.read_requirement(name)
             for axis in ROTATION_NAMES:
                 values, weights = orbits[f"{column}_{axis}_deg"].to_numpy(), orbits["samples"].to_numpy()
-                together = _find_largest(values) if name == "stability" else 3 * _compute_weighted_rms(values, weights)
+                together = np.nan
+                if len(values):
+                    rms = np.sqrt(weights @ values**2 / weights.sum())
+                    together = float(values.max() if name == "stability" else 3 * rms)
                 rows.append(
                     {
                         "period": period,
@@ -92,14 +95,6 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
                     }
                 )
     return pd.DataFrame(rows)
-
-
-def _compute_weighted_rms(values: Array, weights: Array) -> float:
-    return float(np.sqrt(weights @ values**2 / weights.sum())) if len(values) else np.nan
-
-
-def _find_largest(values: Array) -> float:
-    return float(values.max()) if len(values) else np.nan
 
 
 def compare_orientations(runs: Sequence[MissionRun]) -> pd.DataFrame:
