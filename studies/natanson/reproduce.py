@@ -71,7 +71,7 @@ def run(folder: Path, config: PaperTablesConfig, jobs: int, console: Console) ->
     outcome = made.run(paper_tables.STUDY, config, folder)
     rows = outcome.load()
     made.summary |= {"cases": config.cases, "entropy": config.entropy}
-    made.tables |= {name: table.data for name, table in paper_tables.build_paper_tables(rows, config).items()}
+    made.tables = paper_tables.build_paper_tables(rows, config)
     made.summary |= summarise_estimates(made.tables, rows, scenario)
     if flight.matches_flight(scenario):
         compare_with_flight(scenario, made)

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-SIGNIFICANT_DIGITS = 6  # significant, of a figure
+from studies.report.tables import SIGNIFICANT_DIGITS
+
 ROOM = 1.1e-5  # relative: one unit of the last of them
 ZERO_TOLERANCE = 1e-12  # of numbers that are zero but for rounding
 COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: what is smaller is zero but for rounding

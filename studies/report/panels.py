@@ -196,16 +196,12 @@ def make_heat_map(
     form: str = "{:.0e}",
     mark_above: float = np.inf,
     log: bool = False,
-    limits: tuple[float, float] | None = None,
     **axes: Any,
 ) -> Panel:
-    """A table of numbers, rows upwards, coloured by their size or its logarithm, with the numbers in its cells.
-
-    A number above `mark_above` is crossed. Several maps may share the limits of the colours.
-    """
+    """A table of numbers, rows upwards, coloured by their size or its logarithm; numbers above `mark_above` are crossed."""
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
-    low, high = limits or (float(np.nanmin(strength)), float(np.nanmax(strength)))
+    low, high = float(np.nanmin(strength)), float(np.nanmax(strength))
     middle = (low + high) / 2
 
     def draw(on: Axes) -> None:

@@ -35,7 +35,6 @@ class Table:
     formats: Mapping[str, str] = field(default_factory=dict)
     # the form for people, where the table itself is long; or the columns they see
     shown: pd.DataFrame | list[str] | None = None
-    digits: int = SIGNIFICANT_DIGITS  # significant ones of its numbers in the CSV file
 
     def get_shown_data(self) -> pd.DataFrame:
         """Return the columns that are shown."""

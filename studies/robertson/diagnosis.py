@@ -126,11 +126,11 @@ def _read_square_root(amplitudes: Array) -> tuple[float, Parameters]:
     return float(np.sqrt(max(amplitudes[0], 0.0))), {}
 
 
-def add_bias_walk(rows: pd.DataFrame, one: TrialEffect, entropy: int = 1998) -> pd.DataFrame:
+def add_bias_walk(rows: pd.DataFrame, one: TrialEffect) -> pd.DataFrame:
     """The nominal's windows with a walk of the gyro's bias: what the batch finds moves with the bias, nothing else does."""
     config = apply_mission_effects([f"{one.effect}:{one.axis}={one.size}"])
     column = f"bias_{one.axis}_deg_h"
-    bias = [simulate_bias_walk(config, day, entropy)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
+    bias = [simulate_bias_walk(config, day, 1998)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
     return rows.assign(**{column: rows[column] + bias})
 
 

@@ -43,7 +43,7 @@ from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 from studies.printed_table import UNKNOWN_NAME
 from studies.report.checks import Check, bound_above, bound_below, bound_near
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, summarise_groups
+from studies.report.tables import Table
 
 EFFECTS_BY_KIND: dict[str, Effects] = {
     "nothing": frozenset(),
@@ -201,21 +201,6 @@ WRONG_BASELINE_NOTE = (
 SIMULATED = "Tables as the paper would print them, simulated from the baseline, of a known cause or of none."
 
 
-def count_outcomes_by_kind(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per kind of simulated table: detected, rightly named, wrongly named."""
-
-    def line(part: pd.DataFrame) -> dict[str, object]:
-        return {
-            "tables": len(part),
-            "gap_found": int((part["verdict"] != "none").sum()),
-            "right": int(part["right"].sum()),
-            "in_group": int((part["in_group"] & ~part["right"]).sum()),
-            "false_name": int(part["false_name"].sum()),
-        }
-
-    return summarise_groups(rows, ["kind"], line)
-
-
 def _build_flight_checks() -> list[Check]:
     first, *wrong = list_trial_baselines()
     found, rms = diagnose_under_baseline(first), compute_misfit_rms(diagnose_under_baseline(first))
@@ -242,20 +227,20 @@ def _build_flight_checks() -> list[Check]:
 
 
 def _build_simulated_checks(rows: pd.DataFrame) -> list[Check]:
-    table = count_outcomes_by_kind(rows)
-    out = []
-    for nothing in table[table["kind"] == "nothing"].to_dict("records"):
-        alarms, count = nothing["gap_found"], nothing["tables"]
-        name = f"stated rate of false alarms, for {alarms} of {count} tables"
-        out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, count), "", SIMULATED))
-    effects = table[table["kind"] != "nothing"].drop(columns="kind").sum()
-    count = int(effects["tables"])
+    """How many simulated tables are detected, rightly named and wrongly named."""
+    is_nothing, is_gap = rows["kind"] == "nothing", rows["verdict"] != "none"
+    out, alarms, tables = [], int((is_gap & is_nothing).sum()), int(is_nothing.sum())
+    if tables:
+        name = f"stated rate of false alarms, for {alarms} of {tables} tables"
+        out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, tables), "", SIMULATED))
+    effects, gaps, count = rows[~is_nothing], int((is_gap & ~is_nothing).sum()), int((~is_nothing).sum())
     if count:
+        in_group = effects["in_group"] & ~effects["right"]
         out += [
-            Check(f"gaps found of {count} tables with an effect", int(effects["gap_found"]), bound_below(0.9 * count)),
-            Check("rightly named", int(effects["right"]), bound_below(0.9 * count)),
-            Check("more in a group", int(effects["in_group"])),
-            Check("with a wrong name", int(effects["false_name"]), bound_above((1 - NAMING_PROBABILITY) * count)),
+            Check(f"gaps found of {count} tables with an effect", gaps, bound_below(0.9 * count)),
+            Check("rightly named", int(effects["right"].sum()), bound_below(0.9 * count)),
+            Check("more in a group", int(in_group.sum())),
+            Check("with a wrong name", int(effects["false_name"].sum()), bound_above((1 - NAMING_PROBABILITY) * count)),
         ]
     return out
 
