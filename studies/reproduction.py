@@ -76,16 +76,9 @@ class Reproduction:
     def publish(
         self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table], **about: Any
     ) -> None:
-        """Write tables, figures, the summary, the page and the manifest, and show tables.
+        """Write tables, figures, the summary, the page of head, shown tables and figures, and the manifest; show the tables.
 
-        Parameters
-        ----------
-        outcome : of the study
-        folder : where everything is written
-        page : name of the page: its head, the shown tables, the figures
-        head : first lines of the page
-        shown : tables of the page and of the terminal
-        about : entries of the manifest that differ from those of the study
+        Entries of the manifest that differ from those of the study are in `about`.
         """
         for name, data in self.tables.items():
             write_csv(folder / f"{name}.csv", data, SIGNIFICANT_DIGITS)

@@ -421,10 +421,7 @@ def _describe_number(name: str, value: float) -> str:
 
 
 def _locate_interval(t_s: float, details: Details) -> str:
-    """Name the interval that a time is in, or the two that it is between.
-
-    The first residual is that of the first observation, which may be a mean of references and not where the interval starts.
-    """
+    """Name the interval that a time is in, or the two that it is between."""
     residuals = details.residuals
     if residuals.empty:
         return ""
@@ -433,6 +430,7 @@ def _locate_interval(t_s: float, details: Details) -> str:
     inside = spans[(spans["min"] <= t_s) & (t_s <= spans["max"])]
     after = spans[spans["min"] > t_s]
     if len(inside):
+        # The first residual may be of a mean of references, which is not where the interval starts.
         own = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
         first = float(own.min()) if len(own) else 0.0
         return f", in {inside.index[0]}, {format_duration(t_s - inside['min'].iloc[0] + first)} after its start"

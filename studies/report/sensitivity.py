@@ -47,18 +47,7 @@ def build_rank_basis(x: Array) -> Array:
 
 
 def _compute_r_squared(functions: Array, outputs: Array, weights: Array) -> Array:
-    """R² of each output on one dispersion's functions, for each row of weights.
-
-    Parameters
-    ----------
-    functions : (n, k + 1)
-    outputs : (n, q), each with zero mean and unit variance
-    weights : (b, n) how often each case counts
-
-    Returns
-    -------
-    (b, q)
-    """
+    """(b, q) R² of standardised outputs (n, q) on one dispersion's functions (n, k + 1), by weights (b, n) of the cases."""
     n, k = functions.shape
     gram = (weights @ (functions[:, :, None] * functions[:, None, :]).reshape(n, k * k)).reshape(-1, k, k)
     total, square = weights @ outputs, weights @ outputs**2

@@ -231,15 +231,14 @@ def relinearise_timings(
     """
     for _ in range(LINEARISATION_ITERATIONS):
         model = build_flight_model(table, baseline, point)
-        new = point
+        timings = dict(point.timings)
         for one in TIMINGS:
             label = f"{TIMING}:{one.axis}"
             others = [_find_member(model, o) for o in found if o != label and (label in found or not o.startswith(TIMING))]
-            found_amplitudes = fit(model, [*others, _find_member(model, label)])[-1].amplitudes
-            # As far as the timings can be flown.
-            new = LinearisationPoint(new.flips, {**new.timings, one.axis: np.clip(0.5 + FLAT * found_amplitudes, 0.0, 1.0)})
-        change = max(float(np.abs(new.timings[axis] - u).max()) for axis, u in point.timings.items())
-        point = new
+            amplitudes = fit(model, [*others, _find_member(model, label)])[-1].amplitudes
+            timings[one.axis] = np.clip(0.5 + FLAT * amplitudes, 0.0, 1.0)  # as far as they can be flown
+        change = max(float(np.abs(timings[axis] - u).max()) for axis, u in point.timings.items())
+        point = LinearisationPoint(point.flips, timings)
         if change < CONVERGED_TIMING:
             break
     return point
