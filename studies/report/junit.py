@@ -40,8 +40,9 @@ def convert_checks(checks: Sequence[Check]) -> list[Verdict]:
 
 def write_junit(path: Path, suite: str, subject: str, verdicts: Sequence[Verdict]) -> None:
     """Write verdicts as a suite of one class, the subject."""
-    failed, skipped = sum(bool(one.failure) for one in verdicts), sum(bool(one.skipped) for one in verdicts)
-    counts = {"tests": len(verdicts), "errors": 0, "failures": failed, "skipped": skipped}
+    counts = {"tests": len(verdicts), "errors": 0}
+    counts["failures"] = sum(bool(one.failure) for one in verdicts)
+    counts["skipped"] = sum(bool(one.skipped) for one in verdicts)
     root = ElementTree.Element("testsuites")
     element = _add_element(root, "testsuite", name=suite, **{key: str(count) for key, count in counts.items()})
     for one in verdicts:

@@ -83,17 +83,20 @@ def fly_mission(study: MissionStudy, name: Name) -> MissionRun:
     period, tables = base.orbit.period, build_period_tables()
     every: int | None = None
     if kind == "months":
-        config, seconds, seed = build_flight_schedule(base, study.days), study.days * DAY, seed + int(which[0])
+        config, seconds = build_flight_schedule(base, study.days), study.days * DAY
+        seed += int(which[0])
     elif kind == "yaw":
-        config, seconds, every = shift_mission_start(base, YAW_DAYS[which[0]]), YAW_ORBITS * period, 20
-        config = replace(config, tables=tables[which[0]])
+        config = replace(shift_mission_start(base, YAW_DAYS[which[0]]), tables=tables[which[0]])
+        seconds, every = YAW_ORBITS * period, 20
     elif kind == "spikes":
         s_filter: Filter = which[0]  # type: ignore[assignment]
-        config, seconds, every = shift_mission_start(base, find_spike_day(base)), SPIKE_ORBITS * period, 4
-        config = replace(config, tables=replace(tables["postcalibration"], s_filter=s_filter))
+        own = replace(tables["postcalibration"], s_filter=s_filter)
+        config = replace(shift_mission_start(base, find_spike_day(base)), tables=own)
+        seconds, every = SPIKE_ORBITS * period, 4
     else:
         maneuver, upload, number = which
-        config, seconds, seed = build_slew_config(base, tables[upload], maneuver), SLEW_ORBITS * period, seed + int(number)
+        config, seconds = build_slew_config(base, tables[upload], maneuver), SLEW_ORBITS * period
+        seed += int(number)
     # That it is told of days lets Ctrl-C through between two of them.
     return simulate_mission(config, seconds=seconds, seed=seed, telemetry_every=every, progress=lambda days: None)
 
