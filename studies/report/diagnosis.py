@@ -6,6 +6,7 @@ No name of an effect is in the answers: `simulator.effects.base.Effect.sentence`
 import math
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -557,7 +558,7 @@ def _build_calibration_items(diagnosis: Diagnosis) -> list[Item]:
     moved = np.divide(change, sigma, out=np.full(COUNT, math.nan), where=(sigma > 0) & (sigma < math.inf))
     is_changed = bool(diagnosis.causes) and bool((np.abs(change) > UNCHANGED_SIGMAS * sigma).any())
     own_scale = PPM_DEG_H / scale
-    columns = {"parameter": NAMES, "baseline": map(tables.format_to_sigma, before, sigma)}
+    columns: dict[str, Any] = {"parameter": NAMES, "baseline": map(tables.format_to_sigma, before, sigma)}
     if is_changed:
         columns |= {
             "with causes": map(tables.format_to_sigma, after, sigma),

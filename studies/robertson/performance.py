@@ -58,9 +58,11 @@ def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
     rows = []
     for period in PERIODS:
-        for (parameter, axis), values in pd.DataFrame([compute_performance(run, period) for run in runs]).items():
+        found = [compute_performance(run, period) for run in runs]
+        for parameter, axis in found[0]:
+            values = [one[parameter, axis] for one in found]
             flight = published_tables.read_published_performance(parameter, axis, period)
-            rows.append((parameter, axis, period, flight, values.mean(), values.min(), values.max()))
+            rows.append((parameter, axis, period, flight, float(np.mean(values)), min(values), max(values)))
     names = ["parameter", "axis", "period", "flight", "simulated", "lowest", "highest"]
     table = pd.DataFrame(rows, columns=names)
     return table.assign(

@@ -229,7 +229,8 @@ def _build_flight_checks() -> list[Check]:
 def _build_simulated_checks(rows: pd.DataFrame) -> list[Check]:
     """How many simulated tables are detected, rightly named and wrongly named."""
     is_nothing, is_gap = rows["kind"] == "nothing", rows["verdict"] != "none"
-    out, alarms, tables = [], int((is_gap & is_nothing).sum()), int(is_nothing.sum())
+    out: list[Check] = []
+    alarms, tables = int((is_gap & is_nothing).sum()), int(is_nothing.sum())
     if tables:
         name = f"stated rate of false alarms, for {alarms} of {tables} tables"
         out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, tables), "", SIMULATED))
