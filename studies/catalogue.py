@@ -25,19 +25,21 @@ if TYPE_CHECKING:
     from studies.montecarlo.criteria import Requirement
     from studies.report.entry import Entry
 
-STUDY_NAMES = (
-    "paper",
-    "psi",
-    "iterations",
-    "timestep",
-    "consistency",
-    "observability",
-    "noise",
-    "withheld",
-    "flight",
-    "real",
-    "heads",
-)
+MODULES = {  # of the studies of the list
+    "paper": "natanson.paper_tables",
+    "psi": "calibration.psi",
+    "iterations": "calibration.iterations",
+    "timestep": "calibration.timestep",
+    "consistency": "calibration.consistency",
+    "observability": "calibration.maneuvers_needed",
+    "noise": "calibration.noise",
+    "withheld": "withheld.score",
+    "flight": "natanson.flight_diagnosis",
+    "real": "validation.real_gyro",
+    "heads": "robertson.heads",
+}
+STUDY_NAMES = tuple(MODULES)
+OWN_MODULES = MODULES | {"recovered": "validation.recovered"}  # with the study of the project's own baseline
 
 
 def find_entry(name: str) -> Entry:
@@ -47,41 +49,13 @@ def find_entry(name: str) -> Entry:
     """
     if is_file(name):
         return load_study_file(Path(name))
+    if name not in OWN_MODULES:
+        raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
     try:
-        return _import_entry(name)
+        found: Entry = importlib.import_module(f"studies.{OWN_MODULES[name]}").ENTRY
     except ImportError as error:
         raise InputError(f"study {name} cannot be loaded: {error}") from error
-
-
-def _import_entry(name: str) -> Entry:
-    match name:
-        case "paper":
-            from studies.natanson.paper_tables import ENTRY
-        case "psi":
-            from studies.calibration.psi import ENTRY
-        case "iterations":
-            from studies.calibration.iterations import ENTRY
-        case "timestep":
-            from studies.calibration.timestep import ENTRY
-        case "consistency":
-            from studies.calibration.consistency import ENTRY
-        case "observability":
-            from studies.calibration.maneuvers_needed import ENTRY
-        case "noise":
-            from studies.calibration.noise import ENTRY
-        case "withheld":
-            from studies.withheld.score import ENTRY
-        case "flight":
-            from studies.natanson.flight_diagnosis import ENTRY
-        case "real":
-            from studies.validation.real_gyro import ENTRY
-        case "heads":
-            from studies.robertson.heads import ENTRY
-        case "recovered":  # of the project's own baseline, and no study of the list
-            from studies.validation.recovered import ENTRY
-        case _:
-            raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
-    return ENTRY
+    return found
 
 
 def is_file(name: str) -> bool:
@@ -151,18 +125,9 @@ def run(
     requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
-    """Run a study to its end and write and show its report.
+    """Run a study to its end, or resume the part of it in the folder, and write and show its report.
 
-    Parameters
-    ----------
-    name : of the study
-    folder : where rows and report are written; a part of the same study that is there is resumed
-    changes : settings by dotted path, over those of the file config
-    console : for the report
-    junit : a file for what was found, as tests
-    page : a file for the page of the report
-    requirements : to answer from the rows
-    options : how and where it runs, as of `engine.run`; none of them changes its rows
+    Changes are settings by dotted path, over those of the file config. Options are how and where it runs, as of `engine.run`.
     """
     chosen = find_entry(name)
 
@@ -197,14 +162,11 @@ def run(
     if settings.dispersions:
         ranking = sensitivity.build_sensitivity_tables(rows, bool(settings.correlations))
         made = replace(made, tables={**made.tables, **ranking})
-    made = replace(
-        made,
-        checks=(*checks.check_requirements(answers), *made.checks),
-        findings=(*map(str, answers), *made.findings),
-    )
-    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
+    judged = (*checks.check_requirements(answers), *made.checks)
+    made = replace(made, checks=judged, findings=(*map(str, answers), *made.findings))
     if answers:
         outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
+    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
     whole, title = replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}"
     report.write(whole, title, folder)
     write_manifest(folder, outcome.manifest)

@@ -48,9 +48,7 @@ class Paper(NamedTuple):
 
     title: str
     claims: Sequence[Claim]
-    build_tables: Callable[
-        [dict[str, pd.DataFrame]], list[Table]
-    ]  # tables beside the flight's values, from those of the CSV files
+    build_tables: Callable[[dict[str, pd.DataFrame]], list[Table]]  # beside the flight's values, from those of the CSV files
     figures: Mapping[str, str]  # titles by file name
 
 
@@ -65,14 +63,7 @@ PAPERS = {
 
 
 def build_index_page(folders: Mapping[str, Path], studies: Path, made: ProvenanceFooter | None = None) -> str:
-    """Build the whole page; a paper without results is left out.
-
-    Parameters
-    ----------
-    folders : of both papers' results, by name
-    studies : folder of the studies' results
-    made : for the footer
-    """
+    """Build the whole page from the folders of both papers' and of the studies' results; a paper without any is left out."""
     found = {
         name: PaperResults(results, studies) for name, folder in folders.items() if (results := committed_results.read(folder))
     }

@@ -56,9 +56,7 @@ def build_model(
     ----------
     d, covariance : (n,), (n, n) flown minus simulated under the baseline
     groups : candidates with whitened columns (n, k)
-    owner, held : (n,) what each number belongs to, and what is held out in turn
-    split : what that is, in words
-    most_effects : in one explanation
+    owner, held, split : (n,) what each number belongs to, what is held out in turn, and what that is in words
     """
     L = np.asarray(np.linalg.cholesky(covariance))
     candidates, W = place_candidates(groups, lambda columns: columns, DEFAULT, d.size)

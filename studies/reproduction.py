@@ -21,20 +21,13 @@ from studies.montecarlo.study import Study, StudyConfig, hash_config, resolve_co
 from studies.report import tables as render
 from studies.report.console import show_progress
 from studies.report.panels import Draw
-from studies.report.tables import Table
+from studies.report.tables import SIGNIFICANT_DIGITS, Table
 
 T = TypeVar("T")
 
 
-def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
-    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
-
-    Parameters
-    ----------
-    calls : partials of functions that a worker can import, the longest first
-    jobs : worker processes
-    done : told of each call that has ended
-    """
+def call_all(calls: Sequence[Callable[[], T]], jobs: int) -> list[T]:
+    """Make independent calls of functions that a worker can import, in worker processes if there are several."""
     call: Any = _call  # in place of the function that runs the cases of a study
     numbered: Any = enumerate(calls)  # in place of the tasks of a study
     found: dict[int, Any] = {}
@@ -42,7 +35,6 @@ def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], 
         ended: Iterator[Any] = workers.results(numbered)
         for (place, _), result in ended:
             found[place] = result
-            done(1)
     if any(result is None for result in found.values()):
         raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
     return [found[place] for place in range(len(calls))]
@@ -67,7 +59,7 @@ class Reproduction:
 
     console: Console  # for progress and the tables that are shown
     jobs: int = 1  # worker processes; the results do not depend on it
-    tables: dict[str, Table] = field(default_factory=dict)  # by the names of their CSV files
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)  # by the names of their CSV files
     figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)  # titles, and what draws them, by file names
     summary: dict[str, Any] = field(default_factory=dict)  # for ``summary.json``
     begun: float = field(default_factory=time.monotonic)  # when, s
@@ -81,25 +73,24 @@ class Reproduction:
         outcome.check()
         return outcome
 
-    def add(self, name: str, title: str, data: pd.DataFrame, **more: Any) -> pd.DataFrame:
-        """Keep a table; what else it has is as of `Table`."""
-        self.tables[name] = Table(title, data, **more)
-        return data
+    def publish(
+        self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table], **about: Any
+    ) -> None:
+        """Write tables, figures, the summary, the page of head, shown tables and figures, and the manifest; show the tables.
 
-    def write(self, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table]) -> None:
-        """Write tables, figures, the summary, and the page: its head, the shown tables, the figures."""
-        for name, table in self.tables.items():
-            write_csv(folder / f"{name}.csv", table.data, table.digits)
+        Entries of the manifest that differ from those of the study are in `about`.
+        """
+        for name, data in self.tables.items():
+            write_csv(folder / f"{name}.csv", data, SIGNIFICANT_DIGITS)
         drawn: list[str] = []
         for name, (title, draw) in self.figures.items():
             draw(folder / f"{name}.svg")
             drawn += [f"## {title}", "", f"![{title}]({name}.svg)", ""]
-        sections = [render.format_markdown(table.title, table.data, table.note, table.formats) for table in shown]
+        sections = [render.format_markdown(table.title, table.data, table.note) for table in shown]
         write_text(folder / page, "\n".join([*head, *sections, *drawn]))
         write_json(folder / "summary.json", self.summary)
-
-    def publish(self, outcome: engine.Outcome, folder: Path, **about: Any) -> None:
-        """Write the manifest; `about` is what it says differently from that of the study."""
+        for table in shown:
+            render.print_table(self.console, table.title, table.data, table.note)
         wall_s = round(time.monotonic() - self.begun, 2)
         write_manifest(folder, outcome.manifest | about | {"wall_s": wall_s})
         shutil.rmtree(folder / WORK)

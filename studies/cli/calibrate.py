@@ -46,10 +46,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     help="Sensitivity ψ of a step's rotation to G and b, N (11): exact, or to first order in the angle turned.",
 )
 @click.option(
-    "--iterations",
-    type=click.IntRange(1, MOST_ITERATIONS),
-    default=None,
-    help="Number of iterations; by default until convergence.",
+    "--iterations", type=click.IntRange(1, MOST_ITERATIONS), help="Number of iterations; by default until convergence."
 )
 @click.option(
     "--parametrisation",
@@ -66,11 +63,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     "space that gyro alone, else row x of G with b_x), comma separated; a leading - excludes: all,-misalignment.",
 )
 @click.option(
-    "--step",
-    "step_s",
-    type=float,
-    default=None,
-    help="Propagation step in s, a multiple of the sample interval; one sample by default.",
+    "--step", "step_s", type=float, help="Propagation step in s, a multiple of the sample interval; one sample by default."
 )
 @click.option(
     "--resampling",
@@ -86,23 +79,19 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     show_default=True,
     help="Covariance of the residuals: with gyro noise and references shared by neighbours, or the references alone as in N.",
 )
-@click.option("--prior-sigma-g", type=float, default=None, help="A-priori sigma (1-sigma) of each parameter but the biases.")
-@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori sigma of each bias, deg/s.")
+@click.option("--prior-sigma-g", type=float, help="A-priori sigma (1-sigma) of each parameter but the biases.")
+@click.option("--prior-sigma-bias", type=float, help="A-priori sigma of each bias, deg/s.")
 @click.option(
     "--plausible-g",
     type=float,
-    default=None,
     help="Plausible range of an element of G; that of the gyro's grade by default. A combination that the data do not "
     "determine to within its range is reported as not found.",
 )
-@click.option(
-    "--plausible-bias", type=float, default=None, help="Plausible range of a bias, deg/h; that of the gyro's grade by default."
-)
+@click.option("--plausible-bias", type=float, help="Plausible range of a bias, deg/h; that of the gyro's grade by default.")
 @click.option(
     "--max-gap",
     "max_gap_s",
     type=float,
-    default=None,
     help="Longest run of missing samples, s, over which the last rate is held; longer ones are an error.",
 )
 @EXCLUDE
@@ -261,20 +250,13 @@ def _read_truth(path: Path) -> GyroParameters:
 
 
 def _build_prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
-    sigmas = _convert_prior_sigmas(sigma_G, sigma_bias)
-    if sigmas is None:
-        return None
-    from gyrocal.calibration.observability import BIAS_LETTERS
-
-    return np.diag([(sigmas[1] if name.startswith(BIAS_LETTERS) else sigmas[0]) ** 2 for name in names])
-
-
-def _convert_prior_sigmas(sigma_G: float | None, sigma_bias: float | None) -> tuple[float, float] | None:
-    """A-priori sigmas without unit, and of biases in rad/s."""
+    """A-priori covariance from sigmas of G without unit and of b in deg/s."""
     if sigma_G is None and sigma_bias is None:
         return None
     if sigma_G is None or sigma_bias is None:
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
     if not (1e-15 < sigma_G < LARGEST and 1e-15 < sigma_bias < LARGEST):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
-    return sigma_G, float(np.deg2rad(sigma_bias))
+    from gyrocal.calibration.observability import BIAS_LETTERS
+
+    return np.diag([(np.deg2rad(sigma_bias) if name.startswith(BIAS_LETTERS) else sigma_G) ** 2 for name in names])

@@ -62,20 +62,14 @@ def command(
     loaded = load(recording)
 
     from simulator import adopted_scenario
+    from simulator.effects import REGISTRY
+    from simulator.effects.registry import FILE_MODULE
     from studies.compare.compare import compare
     from studies.compare.page import build_comparison_page
 
     chosen = [(name, adopted_scenario.load(name)) for name in scenarios]
-    foreign = [one.effect for _, scenario in chosen for one in scenario.effects if _is_from_file(one.effect)]
-    if foreign and jobs > 1:
-        raise InputError(f"{foreign[0]}: an effect of a file is not known to other processes; leave --jobs out")
+    for effect in [one.effect for _, scenario in chosen for one in scenario.effects] if jobs > 1 else ():
+        if type(REGISTRY[effect]).__module__.startswith(FILE_MODULE):
+            raise InputError(f"{effect}: an effect of a file is not known to other processes; leave --jobs out")
     found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=show_progress)
     write_result(found.to_json(), as_json, partial(build_comparison_page, found), report, loaded)
-
-
-def _is_from_file(effect: str) -> bool:
-    """Whether an effect is one of --effects."""
-    from simulator.effects import REGISTRY
-    from simulator.effects.registry import FILE_MODULE
-
-    return type(REGISTRY[effect]).__module__.startswith(FILE_MODULE)

@@ -9,7 +9,16 @@ from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import save
 from studies.cli import import_formats
-from studies.cli.import_formats import ATTITUDE_TABLE, IMPORT_JSON_OPTION, OUT, TABLE, collect_entries, show, write_import
+from studies.cli.import_formats import (
+    ATTITUDE_TABLE,
+    IMPORT_JSON_OPTION,
+    OUT,
+    TABLE,
+    WordsOrNumbers,
+    collect_entries,
+    show,
+    write_import,
+)
 from studies.cli.options import FORCE, PATH, add_options, refuse_existing
 
 
@@ -64,6 +73,7 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
 @OUT
 @click.option(
     "--intervals",
+    type=WordsOrNumbers(("motion", "whole"), (1,)),
     default="motion",
     show_default=True,
     help="motion: rest, motion, rest for each motion phase, a long one in pieces; whole: all in one; or a length in s.",
@@ -73,7 +83,7 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
 @FORCE
 @IMPORT_JSON_OPTION
 def import_broad_command(
-    file: Path, out: Path, intervals: str, spacing_s: float, attitude_offset_s: float, force: bool, as_json: Path | None
+    file: Path, out: Path, intervals: str | float, spacing_s: float, attitude_offset_s: float, force: bool, as_json: Path | None
 ) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.
 
@@ -90,18 +100,9 @@ def import_broad_command(
     from studies.validation import broad
 
     trial = broad.read(file)
-    imported = broad.build_recording(trial, _parse_intervals(intervals), spacing_s, attitude_offset_s)
+    imported = broad.build_recording(trial, intervals, spacing_s, attitude_offset_s)
     save(imported.recording, out)
     offset = broad.describe_time_offset(trial, attitude_offset_s)
     summary = pd.concat([imported.summary(), pd.DataFrame([("assumed", text) for text in offset], columns=["what", "value"])])
     show(imported.recording, summary, offset, out, as_json)
     click.echo(broad.BROAD_ATTRIBUTION)
-
-
-def _parse_intervals(text: str) -> str | float:
-    if text in ("motion", "whole"):
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"--intervals {text}: give motion, whole, or a length in s") from None

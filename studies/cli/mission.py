@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,31 +176,21 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
     from studies.report import tables as render
     from studies.robertson import published_tables
 
-    terminal = make_console()
+    terminal, format_degrees = make_console(), partial(render.format_number, digits=3)
     days = [f"{row.from_day:.1f} to {row.to_day:.1f}" for row in stretches.itertuples()]
-    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": _format_degrees(stretches["yaw_update_deg"])}
-    for name in ("knowledge", "pointing", "stability"):
-        limit = published_tables.read_requirement(name)
-        for axis in ROTATION_NAMES:
-            values = stretches[f"{name}_{axis}_deg"]
-            shown[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
-    limits = ", ".join(f"{name} {published_tables.read_requirement(name):g}" for name in ("knowledge", "pointing", "stability"))
-    render.print_table(
-        terminal,
-        "Mission Mode, deg",
-        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1),
-        f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {limits}; ✗ above.",
-    )
+    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": stretches["yaw_update_deg"].map(format_degrees)}
+    limits = {name: published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")}
+    for (name, limit), axis in product(limits.items(), ROTATION_NAMES):
+        values = stretches[f"{name}_{axis}_deg"]
+        shown[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
+    table = pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1)
+    stated = ", ".join(f"{name} {limit:g}" for name, limit in limits.items())
+    note = f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {stated}; ✗ above."
+    render.print_table(terminal, "Mission Mode, deg", table, note)
     if len(run.slews):
         slews = pd.DataFrame({"day": run.slews["start_s"] / DAY, "forward after": run.slews["forward"]})
         for axis in ROTATION_NAMES:
-            slews[f"targeting {axis}"] = _format_degrees(run.slews[f"targeting_{axis}_deg"])
+            slews[f"targeting {axis}"] = run.slews[f"targeting_{axis}_deg"].map(format_degrees)
         render.print_table(terminal, "Yaw maneuvers: true minus propagated by gyro, deg", slews)
     counts = ", ".join(f"{len(getattr(run, name))} {name}" for name in TABLES)
     click.echo(f"{out}: rows of {counts}")
-
-
-def _format_degrees(values: pd.Series) -> list[str]:
-    from studies.report import tables as render
-
-    return [render.format_number(value, 3) for value in values]

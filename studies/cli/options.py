@@ -107,16 +107,10 @@ def add_jobs_option(help: str = "Worker processes; the CPU count by default.", d
 # ---- files ---------------------------------------------------------------------------------------------------------------
 
 
-def add_output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = (), **more: Any) -> Any:
+def add_output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = ()) -> Any:
     """An option with a file to write, refused before the work if it cannot be written or another option has it too.
 
-    Parameters
-    ----------
-    names : of the option
-    help : its text
-    stdout : whether - is standard output
-    endings : that its name may have; any by default
-    more : further arguments of `click.option`
+    With `stdout` the file - is standard output. Its name must have one of the endings, if there are any.
     """
 
     def check(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
@@ -133,16 +127,11 @@ def add_output_option(*names: str, help: str, stdout: bool = False, endings: Seq
             raise InputError(f"{path}: {other} and {own} need files of their own")
         return path
 
-    return click.option(*names, type=PATH, callback=check, help=help, **more)
+    return click.option(*names, type=PATH, callback=check, help=help)
 
 
-def check_writable(path: Path | None) -> None:
-    """Say before the work, not after it, that a file cannot be written; None is no file.
-
-    An `InputError` if it is a folder, in a folder that does not exist, or without permission.
-    """
-    if path is None:
-        return
+def check_writable(path: Path) -> None:
+    """Say before the work, not after it, that a file is a folder, in no folder, or without permission."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a file")
     if not path.parent.is_dir():
@@ -169,15 +158,7 @@ def write_result(
     report: Path | None = None,
     recording: Recording | None = None,
 ) -> None:
-    """Print a result as a page, or as JSON in place of it, and write the files that are asked for.
-
-    Parameters
-    ----------
-    document : the result, for JSON
-    as_json, report : the files
-    build : makes the page with a footer
-    recording : for the footer
-    """
+    """Print a result as a page, or as JSON in place of it, and write the files that are asked for; build makes the page."""
     if as_json == STDOUT:
         click.echo(format_json(document))
     else:
@@ -191,14 +172,7 @@ def write_result(
 
 
 def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:
-    """Read a JSON file; an `InputError` if it is no JSON, or not what it should be.
-
-    Parameters
-    ----------
-    path : of the file
-    what : it should be, for the message if it is not
-    convert : makes the value of the document
-    """
+    """Read a JSON file and convert its document; an `InputError` if it is no JSON, or not what it should be."""
     try:
         with path.open("rb") as file:
             text = file.read(MOST_BYTES + 1)

@@ -33,16 +33,10 @@ FEWEST_S = 1e-6
     help="Result of 'gyrocal calibrate --json' to start from: G, b, their recommended covariance, and the remainder.",
 )
 @click.option(
-    "--prior-sigma-g",
-    type=float,
-    default=None,
-    help="A-priori 1-sigma of each element of G; by default the range of the gyro's grade.",
+    "--prior-sigma-g", type=float, help="A-priori 1-sigma of each element of G; by default the range of the gyro's grade."
 )
 @click.option(
-    "--prior-sigma-bias",
-    type=float,
-    default=None,
-    help="A-priori 1-sigma of each bias, deg/s; by default the range of the gyro's grade.",
+    "--prior-sigma-bias", type=float, help="A-priori 1-sigma of each bias, deg/s; by default the range of the gyro's grade."
 )
 @click.option("--prior-mounting", type=float, default=0.0, help="A-priori 1-sigma of a rotation of all gyros together, deg.")
 @click.option("--prior-scale", type=float, default=0.0, help="A-priori 1-sigma of a common scale factor.")

@@ -5,32 +5,27 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from rich.console import Console
 
 from gyrocal.errors import InputError
 from studies.cli.options import PATH, add_count_option, add_jobs_option, add_output_option, parse_assignment
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
 
-if TYPE_CHECKING:
-    from studies.report import committed_results
-
 LONGEST_REPRODUCED_DAYS = 200.0
 DAYS = 154.2  # as of studies.robertson.runs
-PAPER_FOLDERS = {"natanson": Path("build") / "reproduction", "robertson": Path("build") / "mission"}  # as of their modules
+PAPER_FOLDERS = {"natanson": Path("build") / "reproduction", "robertson": Path("build") / "mission"}
 COMMITTED = Path("results")
 MOST_MOVED = 20  # numbers shown of those that moved
 
 
 @click.command("reproduce")
-@click.option("--paper", type=click.Choice(list(PAPER_FOLDERS)), default=None, help="One paper only; both by default.")
+@click.option("--paper", type=click.Choice(list(PAPER_FOLDERS)), help="One paper only; both by default.")
 @click.option(
     "--out",
     type=PATH,
-    default=None,
     help="Folder to write to; with both papers, the one that holds 'reproduction', 'mission' and the page; 'build' by default.",
 )
 @add_count_option("--cases", 200, "natanson: seeds of the Monte Carlo.", least=2)
@@ -90,6 +85,7 @@ def command(
     from studies.natanson import paper_tables, reproduce
     from studies.natanson.paper_tables import PaperTablesConfig
     from studies.report import committed_results
+    from studies.report import tables as render
     from studies.report.pages import build_provenance_footer
     from studies.reproduction import call_all
     from studies.robertson import reproduce as mission
@@ -114,24 +110,15 @@ def command(
         else:
             summaries[name] = mission.run(folder, study, workers, terminal)
     for name, folder in folders.items():
-        _compare(committed_results.read(folder), before[name], terminal)
+        if now := committed_results.read(folder):
+            summary, moved = committed_results.compare_results(now, before[name])
+            if len(moved):
+                against = f"Moved against {COMMITTED / PAPER_FOLDERS[name].name}"
+                render.print_table(terminal, against, moved.head(MOST_MOVED).astype(str))
+            terminal.print(summary, highlight=False, markup=False)
     if as_json:
         write_json(as_json, summaries[paper] if paper else summaries)
     if not paper:
         page = (out or PAPER_FOLDERS["natanson"].parent) / "index.html"
         write_text(page, index_page.build_index_page(folders, COMMITTED / "studies", build_provenance_footer()))
         click.echo(page)
-
-
-def _compare(now: committed_results.Results | None, then: committed_results.Results | None, terminal: Console) -> None:
-    """Say what agrees with the committed results and what moved."""
-    if now is None:
-        return
-    from studies.report import committed_results
-    from studies.report import tables as render
-
-    comparable = then is not None and then.config == now.config
-    differences = committed_results.list_moved_numbers(now, then) if then and comparable else None
-    if differences is not None and len(differences):
-        render.print_table(terminal, f"Moved against {then.folder if then else ''}", differences.head(MOST_MOVED).astype(str))
-    terminal.print(committed_results.describe_moved_numbers(now, then, differences), highlight=False, markup=False)

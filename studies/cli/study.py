@@ -19,21 +19,18 @@ if TYPE_CHECKING:
 
 @click.command("study")
 @click.argument("name", required=False)
-@click.option(
-    "--out", type=PATH, default=None, help="Folder to write; results/studies/NAME by default. An unfinished study resumes."
-)
-@click.option("--config", type=PATH, default=None, help="Settings as TOML.")
+@click.option("--out", type=PATH, help="Folder to write; results/studies/NAME by default. An unfinished study resumes.")
+@click.option("--config", type=PATH, help="Settings as TOML.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One setting by its dotted path; repeatable.")
 @click.option(
     "--cases",
     type=click.IntRange(1),
-    default=None,
     help="Number of cases; the study's own by default. Studies of a grid have one for each point of it.",
 )
-@click.option("--entropy", type=click.IntRange(0), default=None, help="Seed of all random streams.")
+@click.option("--entropy", type=click.IntRange(0), help="Seed of all random streams.")
 @click.option("--backend", type=click.Choice(["serial", "loky", "dask"]), default="loky", show_default=True)
 @add_jobs_option("Workers; the CPU count by default.")
-@click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
+@click.option("--scheduler", help="Address of a dask scheduler, with --backend dask.")
 @click.option(
     "--limit",
     "limit_s",
@@ -42,18 +39,13 @@ if TYPE_CHECKING:
     help="End a case that takes longer, such as 30s, 10min or 2h, as a failed case; the others go on.",
 )
 @click.option(
-    "--rerun",
-    "again",
-    type=click.IntRange(0),
-    default=None,
-    help="Repeat this one case of the study in the folder and keep its recording.",
+    "--rerun", "again", type=click.IntRange(0), help="Repeat this one case of the study in the folder and keep its recording."
 )
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
 @add_output_option("--report", help=PAGE)
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
-    default=None,
     help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
     "then the most there may be. The column may be 'failed'.",
 )
@@ -128,10 +120,8 @@ def command(
         result = catalogue.rerun(name, folder, settings, again, config)
         _show_rerun(result, folder)
         if as_json:
-            rows = result.rows.to_dict("records")
-            write_json(
-                as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
-            )
+            about = {"study": name, "case": again, "rows": result.rows.to_dict("records")}
+            write_json(as_json, about | {"same": result.same, "traceback": result.traceback})
         return
     options |= _parse_criteria(until, required)
     words = _parse_fail_on(fail_on, {"failed": True, "until": bool(until), "require": bool(required)})
@@ -180,13 +170,11 @@ def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
 
 def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, Any]:
     """The criteria of --until and --require; what parses them is loaded only where they are given."""
-    found: dict[str, Any] = {"until": None, "requirements": []}
-    if until:
-        from studies.montecarlo.criteria import StoppingRule
+    if not (until or required):
+        return {"until": None, "requirements": []}
+    from studies.montecarlo.criteria import Requirement, StoppingRule
 
-        found["until"] = StoppingRule.parse(until)
-    if required:
-        from studies.montecarlo.criteria import Requirement
-
-        found["requirements"] = [Requirement.parse(text) for text in required]
-    return found
+    return {
+        "until": StoppingRule.parse(until) if until else None,
+        "requirements": [Requirement.parse(text) for text in required],
+    }

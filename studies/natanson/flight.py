@@ -19,14 +19,7 @@ from simulator.arrays import Array
 from simulator.scenario import Scenario
 
 FLIGHT_STEPS_S = (0.5, 1.0, 2.0)
-INTERVAL_MANEUVERS = [
-    (0, False),
-    (1, False),
-    (0, False),
-    (2, False),
-    (0, True),
-    (1, False),
-]  # slews, and a hold, of N's intervals
+SLEW_COUNTS, HOLD_INTERVAL = [0, 1, 0, 2, 0, 1], 4  # of N's intervals
 ROTATIONS = ("roll", "pitch", "yaw")
 _ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
 
@@ -42,13 +35,8 @@ def read_published_table(name: str) -> pd.DataFrame:
 def read_published_residuals(phase: str, step_s: float = 0.5) -> Array:
     """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
     rows = read_published_table("table2_residuals").query("phase == @phase and step_s == @step_s")
-    return _copy_read_only(rows[_ROTATION_COLUMNS].to_numpy())
-
-
-def _copy_read_only(values: Array) -> Array:
-    """Values that a fit asks for thousands of times, safe from being changed."""
-    out = values.copy()
-    out.setflags(write=False)
+    out = rows[_ROTATION_COLUMNS].to_numpy().copy()
+    out.setflags(write=False)  # a fit asks for them thousands of times
     return out
 
 
@@ -94,12 +82,11 @@ def compute_interval_durations() -> Array:
 def matches_flight(scenario: Scenario) -> bool:
     """Whether a scenario has the intervals and maneuvers of N Table 1, references at their ends: only then it compares."""
     lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
-    maneuvers = [(len(interval.slew), interval.hold is not None) for interval in scenario.interval]
-    return (
-        scenario.reference.at == "ends"
-        and np.array_equal(lengths, compute_interval_durations())
-        and maneuvers == INTERVAL_MANEUVERS
-    )
+    slews = [len(interval.slew) for interval in scenario.interval]
+    holds = [k for k, interval in enumerate(scenario.interval) if interval.hold is not None]
+    are_maneuvers_same = slews == SLEW_COUNTS and holds == [HOLD_INTERVAL]
+    same_lengths = np.array_equal(lengths, compute_interval_durations())
+    return scenario.reference.at == "ends" and same_lengths and are_maneuvers_same
 
 
 def compute_paper_rms(values: Array) -> Array:

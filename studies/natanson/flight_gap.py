@@ -44,7 +44,7 @@ YAW_INTERVALS, MINUS_Y, HOLD = (1, 5), 3, 4
 
 def predict_residuals(scenario: Scenario, truth: GyroParameters | None = None) -> Array:
     """Noise-free residuals under N Table 3's pre-launch parameters, (intervals, 3) deg; the truth is R (9) by default."""
-    return compute_residuals(simulate_without_noise(scenario, truth), flight.read_published_parameters("prelaunch"))
+    return compute_residuals(simulate_without_noise(scenario, truth))[0]
 
 
 def simulate_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
@@ -53,12 +53,16 @@ def simulate_without_noise(scenario: Scenario, truth: GyroParameters | None = No
     return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
 
 
-def compute_residuals(recording: Recording, parameters: GyroParameters) -> Array:
-    """Residuals under parameters, (intervals, 3) deg: those of `gyrocal.residual_table`, without their covariance."""
-    prepared = prepare_measurements(recording)
-    R = propagate(prepared.arcs, parameters.G, parameters.bias).R
+def compute_residuals(recording: Recording) -> tuple[Array, Array]:
+    """Residuals (intervals, 3) deg and Θ (intervals, 3, 12) deg per unit under N Table 3's pre-launch parameters.
+
+    They are those of `gyrocal.residual_table`, without their covariance.
+    """
+    initial, prepared = flight.read_published_parameters("prelaunch"), prepare_measurements(recording)
+    passed = propagate(prepared.arcs, initial.G, initial.bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    return np.rad2deg(compute_attitude_residuals(R, A[prepared.start], A[prepared.row]))
+    theta = compute_attitude_residuals(passed.R, A[prepared.start], A[prepared.row])
+    return np.rad2deg(theta), np.rad2deg(passed.Theta)
 
 
 def compute_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
@@ -84,13 +88,9 @@ def compute_floor_rms() -> float:
 
 def build_gap_comparison(scenario: Scenario) -> pd.DataFrame:
     """The 18 numbers: flown, predicted, gap, the flight's residual after calibration, and the clean gap."""
-    flown, predicted, after = (
-        flight.read_published_residuals("prelaunch"),
-        predict_residuals(scenario),
-        flight.read_published_residuals("calibrated"),
-    )
-    count, axes = len(flown), flight.ROTATIONS
-    gap = flown - predicted
+    flown, after = flight.read_published_residuals("prelaunch"), flight.read_published_residuals("calibrated")
+    predicted = predict_residuals(scenario)
+    count, axes, gap = len(flown), flight.ROTATIONS, flown - predicted
     columns = {"flight": flown, "predicted": predicted, "gap": gap, "flight_calibrated": after, "clean_gap": gap - after}
     return pd.DataFrame(
         {
@@ -109,16 +109,10 @@ def compare_signs(scenario: Scenario) -> dict[str, Any]:
     """
     predicted = predict_residuals(scenario)
     by_rate = {sign: compute_gap_rms(predict_residuals(set_minus_y_rate(scenario, sign)), [MINUS_Y]) for sign in (-1, 1)}
-    return {
-        "residual_sign_gap_rms_deg": {
-            "N (16)": compute_gap_rms(predicted),
-            "N (29) as printed": compute_gap_rms(-predicted),
-        },
-        "minus_y_rate_rpo": {
-            "favoured": min(by_rate, key=by_rate.__getitem__),
-            "gap_rms_deg": {str(sign): gap for sign, gap in by_rate.items()},
-        },
-    }
+    by_sign = {"N (16)": compute_gap_rms(predicted), "N (29) as printed": compute_gap_rms(-predicted)}
+    rates = {str(sign): gap for sign, gap in by_rate.items()}
+    favoured = min(by_rate, key=by_rate.__getitem__)
+    return {"residual_sign_gap_rms_deg": by_sign, "minus_y_rate_rpo": {"favoured": favoured, "gap_rms_deg": rates}}
 
 
 def set_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:

@@ -14,6 +14,7 @@ correction to G times that to b, so that its corrections to b nearly vanish. In 
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,14 +52,10 @@ def calibrate_like_paper(
     recording: Recording, step_s: float, iterations: int, space: Parametrisation = "gyro"
 ) -> CalibrationResult:
     """Calibrate from the pre-launch parameters by skipping samples, with equal weights."""
+    initial = flight.read_published_parameters("prelaunch")
+    sampling: Any = {"step_s": step_s, "resampling": "skip"}
     return calibrate(
-        recording,
-        initial=flight.read_published_parameters("prelaunch"),
-        iterations=iterations,
-        parametrisation=space,
-        step_s=step_s,
-        resampling="skip",
-        interval_covariance=EQUAL,
+        recording, initial=initial, iterations=iterations, parametrisation=space, interval_covariance=EQUAL, **sampling
     )
 
 
@@ -90,12 +87,10 @@ class StepCalibration:
 
     @property
     def published(self) -> GyroParameters:
-        """Values that N found at this step."""
-        return (
-            flight.read_published_calibration()
-            if self.step_s == flight.FLIGHT_STEPS_S[0]
-            else flight.read_published_parameters("calibrated", self.step_s)
-        )
+        """Values that N found at this step; those of R (9) at the finest, which have more digits."""
+        if self.step_s == flight.FLIGHT_STEPS_S[0]:
+            return flight.read_published_calibration()
+        return flight.read_published_parameters("calibrated", self.step_s)
 
     def gradient(self) -> Array:
         """(12,) the flown residuals along Θ's column of each parameter of (G, b), deg; zero at a least-squares solution."""

@@ -21,7 +21,7 @@ LABELS = {  # how a row of each table is named
     "table4": "{phase}, {statistic} {axis}",
     "table5": "first, {quantity} {row}{gyro}",
 }
-DECIMALS = {"table2": 3, "table3": 3, "table4": 4, "table5": 2}
+DECIMALS = {"table2": 3, "table3": 3, "table4": 4, "table5": 2}  # as printed
 UNITS = {  # what is subtracted, one over the unit, and decimals, where they are not 0, 1 and those of the table
     ("table3", "bias_deg_s"): (0.0, 1e4, 2),
     ("table3", "scale_factor"): (1.0, 1e5, 0),
@@ -33,7 +33,6 @@ TABLE4_STATISTICS = {
     "paper_rms": lambda x: flight.compute_paper_rms(x.transpose(1, 0, 2)),
     "rms": lambda x: flight.compute_rms(x.transpose(1, 0, 2)),
 }
-PRINTED_DIGITS = {"table2": 3, "table4": 4}  # as printed
 
 
 def convert_to_gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
@@ -51,19 +50,19 @@ def convert_to_gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
 
 
 def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
-    """Count the printed digits that one more iteration changes: N Table 2 and both statistics of N Table 4, (n,) each.
+    """Count the printed digits of N Tables 2 and 4 that one more iteration changes, (n,) each.
 
     Parameters
     ----------
     first, second : (n, intervals, 3) residuals after each iteration, deg
     """
-
-    def cells(x: Array) -> tuple[Array, Array]:
-        statistics = np.concatenate([TABLE4_STATISTICS[name](x) for name in ("mean", "paper_rms")], axis=1)
-        return np.round(x, PRINTED_DIGITS["table2"]).reshape(len(x), -1), np.round(statistics, PRINTED_DIGITS["table4"])
-
-    table2, table4 = (np.sum(a != b, axis=1) for a, b in zip(cells(first), cells(second), strict=True))
-    return table2, table4
+    table2 = np.round(first, DECIMALS["table2"]) != np.round(second, DECIMALS["table2"])
+    table4 = [
+        np.round(TABLE4_STATISTICS[name](first), DECIMALS["table4"])
+        != np.round(TABLE4_STATISTICS[name](second), DECIMALS["table4"])
+        for name in ("mean", "paper_rms")
+    ]
+    return np.sum(table2, axis=(1, 2)), np.sum(table4, axis=(0, 2))
 
 
 def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -76,13 +75,7 @@ def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def format_corrections(table: pd.DataFrame, second: pd.DataFrame | None = None) -> pd.DataFrame:
-    """N Table 5, as texts: the first iteration simulated, and the second one recalculated from the flight's residuals.
-
-    Parameters
-    ----------
-    table : as of `paper_tables.build_table5`
-    second : as of `flight_recalibration.build_second_iteration_table`; None without a flight
-    """
+    """N Table 5, as texts: the first iteration simulated, and the second one recalculated from the flight's residuals."""
     chosen = table.query("psi == 'full' and resampling == 'skip' and iteration == 1").fillna({"row": ""})
     flown = chosen["flight"].notna()
     first = chosen[flown if flown.any() else chosen["step_s"] == chosen["step_s"].min()]

@@ -7,7 +7,7 @@ holds the residuals and parameters after each iteration; the tables are distribu
 `STUDY` is what the engine runs.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,8 +57,6 @@ PAPER_TABLE_TITLES = {
     "table5": "N Table 5: corrections to b and G⁻¹",
     "accuracy": "Recovered minus injected",
     "consistency": "Consistency of the claimed covariance",
-    "psi_difference": "Largest difference between full and linear ψ",
-    "second_iteration": "Size of the second iteration's corrections, and printed digits that it changes",
 }
 STUDY_NAMES = {"table2": "residuals", "table3": "parameters", "table4": "means_and_rms", "table5": "corrections"}
 
@@ -151,17 +149,16 @@ def select_variant(
 
 
 Part = tuple[Array, Array | None, dict[str, object]]  # samples (n, m), the flight's (m,) or None, columns that name them
-Build = Callable[[pd.DataFrame, float | None], Iterator[Part]]
 
 
-def _summarise_variants(rows: pd.DataFrame, flown: bool, build: Build) -> pd.DataFrame:
-    """Distributions of the parts of every variant; `build` gets its rows, and its step where the flight has the same."""
+def build_flight_table(rows: pd.DataFrame, name: str, flown: bool = True) -> pd.DataFrame:
+    """N Table 2, 3, 4 or 5 for every variant, simulated distributions beside the flight's values if it flew."""
     out = []
     comparable = flown and find_residual_labels(rows) == [str(k) for k in range(1, 7)]
     known: dict[object, float] = {step: step for step in flight.FLIGHT_STEPS_S}
     for (psi, resampling, step), chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
-        as_flown = comparable and resampling == "skip"
-        for samples, published, columns in build(chosen.sort_values("case"), known.get(step) if as_flown else None):
+        published_step = known.get(step) if comparable and resampling == "skip" else None
+        for samples, published, columns in TABLE_PARTS[name](chosen.sort_values("case"), published_step):
             part = summaries.summarise_distribution(samples, published)
             keys = {"psi": psi, "resampling": resampling, "step_s": step} | columns
             out.append(pd.concat([pd.DataFrame(keys, index=part.index), part], axis=1))
@@ -186,59 +183,46 @@ def _select_iterate(rows: pd.DataFrame, label: str) -> Array:
     return rows[[f"{label}_{name}" for name in NAMES]].to_numpy()
 
 
-def build_table2(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
-    """N Table 2: residuals before and after calibration, and after a second iteration, deg; beside the flight's if it flew."""
-    names = find_residual_labels(rows)
+def _list_residuals(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
+    """N Table 2: residuals before and after calibration, and after a second iteration, deg."""
+    names = find_residual_labels(chosen)
     numbers = [int(name) for name in names] if all(name.isdigit() for name in names) else names
     cells: dict[str, object] = {"interval": np.repeat(numbers, 3), "axis": list(flight.ROTATIONS) * len(names)}
-
-    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
-        for phase in ITERATION_PHASES:
-            known = step is not None and phase != "second iteration"
-            published = flight.read_published_residuals(phase, step).ravel() if known else None
-            yield _select_residuals(chosen, phase).reshape(len(chosen), -1), published, {"phase": phase, **cells}
-
-    return _summarise_variants(rows, flown, build)
+    for phase in ITERATION_PHASES:
+        known = step is not None and phase != "second iteration"
+        published = flight.read_published_residuals(phase, step).ravel() if known else None
+        yield _select_residuals(chosen, phase).reshape(len(chosen), -1), published, {"phase": phase, **cells}
 
 
-def build_table3(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
+def _list_parameters(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
     """N Table 3: bias, scale factor and misalignments per gyro before and after the first iteration, and after a second."""
-
-    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
-        cells, start = convert_to_gyro_form(_select_iterate(chosen, "initial"))
-        quantities, gyros = zip(*cells, strict=True)
-        for phase in ("calibrated", "second iteration"):
-            published = None
-            if step is not None and phase == "calibrated":
-                published = convert_to_gyro_form(flight.read_published_parameters("calibrated", step).vector[None] * ONE_DEG_S)[
-                    1
-                ][0]
-            columns = {"phase": phase, "quantity": quantities, "gyro": gyros, "prelaunch": start.mean(axis=0)}
-            yield convert_to_gyro_form(_select_iterate(chosen, ITERATION_PHASES[phase]))[1], published, columns
-
-    return _summarise_variants(rows, flown, build)
+    cells, start = convert_to_gyro_form(_select_iterate(chosen, "initial"))
+    quantities, gyros = zip(*cells, strict=True)
+    for phase in ("calibrated", "second iteration"):
+        published = None
+        if step is not None and phase == "calibrated":
+            vector = flight.read_published_parameters("calibrated", step).vector * ONE_DEG_S
+            (published,) = convert_to_gyro_form(vector[None])[1]
+        columns = {"phase": phase, "quantity": quantities, "gyro": gyros, "prelaunch": start.mean(axis=0)}
+        yield convert_to_gyro_form(_select_iterate(chosen, ITERATION_PHASES[phase]))[1], published, columns
 
 
-def build_table4(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
+def _list_statistics(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
     """N Table 4: mean and the paper's "RMS", sqrt(Σx²)/n, over the residuals, with the true RMS beside it, deg."""
-
-    def published_values(phase: str, step: float | None, statistic: str) -> Array | None:
-        if step is None or phase == "second iteration":
-            return None
-        if statistic == "rms":  # the paper has no true RMS; it follows from N Table 2
-            return flight.compute_rms(flight.read_published_residuals(phase, step))
-        return flight.read_published_statistics(phase, step, statistic.removeprefix("paper_"))
-
-    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
-        for phase in ITERATION_PHASES:
-            for name, compute in TABLE4_STATISTICS.items():
-                columns: dict[str, object] = {"phase": phase, "statistic": name, "axis": list(flight.ROTATIONS)}
-                yield compute(_select_residuals(chosen, phase)), published_values(phase, step, name), columns
-
-    return _summarise_variants(rows, flown, build)
+    for phase in ITERATION_PHASES:
+        for name, compute in TABLE4_STATISTICS.items():
+            published = None
+            if step is not None and phase != "second iteration":
+                published = (
+                    flight.compute_rms(flight.read_published_residuals(phase, step))  # N has no true RMS
+                    if name == "rms"
+                    else flight.read_published_statistics(phase, step, name.removeprefix("paper_"))
+                )
+            columns: dict[str, object] = {"phase": phase, "statistic": name, "axis": list(flight.ROTATIONS)}
+            yield compute(_select_residuals(chosen, phase)), published, columns
 
 
-def build_table5(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
+def _list_corrections(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
     """N Table 5: corrections to b and, as the paper's numbers are, to G⁻¹, by the first and the second iteration in (G, b).
 
     The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s and of G⁻¹; each is
@@ -247,18 +231,23 @@ def build_table5(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     """
     cells: dict[str, object] = {"row": np.repeat(list("xyz"), 3), "gyro": list("xyz") * 3}
     G_flight, bias_flight = flight.read_published_corrections(1)
+    iterates = [_select_iterate(chosen, label) for label in ITERATES]
+    inverse = [np.linalg.inv(x[:, :9].reshape(-1, 3, 3)) for x in iterates]
+    for k in (1, 2):
+        bias, change = iterates[k][:, 9:] - iterates[k - 1][:, 9:], (inverse[k] - inverse[k - 1]).reshape(-1, 9)
+        flown_bias = bias_flight if k == 1 and step == flight.FLIGHT_STEPS_S[1] else None
+        flown_G = G_flight.ravel() if k == 1 and step == flight.FLIGHT_STEPS_S[0] else None
+        yield bias, flown_bias, {"iteration": k, "quantity": "bias_deg_s", "row": "", "gyro": list("xyz")}
+        yield change, flown_G, {"iteration": k, "quantity": "G_inverse", **cells}
 
-    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
-        iterates = [_select_iterate(chosen, label) for label in ITERATES]
-        inverse = [np.linalg.inv(x[:, :9].reshape(-1, 3, 3)) for x in iterates]
-        for k in (1, 2):
-            bias, change = iterates[k][:, 9:] - iterates[k - 1][:, 9:], (inverse[k] - inverse[k - 1]).reshape(-1, 9)
-            flown_bias = bias_flight if k == 1 and step == flight.FLIGHT_STEPS_S[1] else None
-            flown_G = G_flight.ravel() if k == 1 and step == flight.FLIGHT_STEPS_S[0] else None
-            yield bias, flown_bias, {"iteration": k, "quantity": "bias_deg_s", "row": "", "gyro": list("xyz")}
-            yield change, flown_G, {"iteration": k, "quantity": "G_inverse", **cells}
 
-    return _summarise_variants(rows, flown, build)
+# Distributions of one variant's rows, at its step where the flight has the same.
+TABLE_PARTS = {
+    "table2": _list_residuals,
+    "table3": _list_parameters,
+    "table4": _list_statistics,
+    "table5": _list_corrections,
+}
 
 
 def compute_errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tuple[Array, Array]:
@@ -322,22 +311,19 @@ def measure_second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
     return summarise_groups(rows[rows["covariance"] == "full"], VARIANT, line)
 
 
-def build_paper_tables(rows: pd.DataFrame, config: PaperTablesConfig) -> dict[str, Table]:
-    """The paper's tables, in N's form where samples are skipped, and how right and consistent the estimates are.
+def build_paper_tables(rows: pd.DataFrame, config: PaperTablesConfig) -> dict[str, pd.DataFrame]:
+    """N Tables 2 to 5, both ψ and the second iteration, and how right and consistent the estimates are.
 
     The latter only where the truth is the same in every case.
     """
-    flown, skipped = flight.matches_flight(load_base_scenario(config)), "skip" in config.resamplings
-    data_of = {"table2": build_table2(rows, flown), "table3": build_table3(rows, flown), "table4": build_table4(rows, flown)}
-    shown = {name: format_paper_table(data, name) for name, data in data_of.items()} if skipped else {}
-    data_of["table5"] = build_table5(rows, flown)
-    if skipped:
-        shown["table5"] = format_corrections(data_of["table5"])
-    data_of |= {"psi_difference": compare_psi_models(rows), "second_iteration": measure_second_iteration(rows)}
+    scenario = load_base_scenario(config)
+    flown = flight.matches_flight(scenario)
+    out = {name: build_flight_table(rows, name, flown) for name in TABLE_PARTS}
+    out |= {"psi_difference": compare_psi_models(rows), "second_iteration": measure_second_iteration(rows)}
     if not any(path.startswith("gyro.true") for path in config.dispersions):
-        truth = get_true_parameters(load_base_scenario(config))
-        data_of |= {"accuracy": build_accuracy_table(rows, truth), "consistency": build_consistency_table(rows, truth)}
-    return {name: Table(PAPER_TABLE_TITLES[name], data, shown=shown.get(name)) for name, data in data_of.items()}
+        truth = get_true_parameters(scenario)
+        out |= {"accuracy": build_accuracy_table(rows, truth), "consistency": build_consistency_table(rows, truth)}
+    return out
 
 
 PAPER = "The paper's covariance knows no gyro noise: it is the control, which must be found out."
@@ -354,9 +340,18 @@ def _build_consistency_checks(rows: pd.DataFrame, step_s: float) -> list[Check]:
 
 
 def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
-    """The tables by the study's names for them."""
-    found = {STUDY_NAMES.get(name, name): table for name, table in build_paper_tables(rows, config).items()}
-    return Report(found, checks=tuple(_build_consistency_checks(rows, min(config.steps_s))))
+    """N's tables, in N's form where samples are skipped, and how right and consistent the estimates are."""
+    found = build_paper_tables(rows, config)
+    shown = {}
+    if "skip" in config.resamplings:
+        shown = {name: format_paper_table(found[name], name) for name in ("table2", "table3", "table4")}
+        shown["table5"] = format_corrections(found["table5"])
+    tables = {
+        STUDY_NAMES.get(name, name): Table(title, found[name], shown=shown.get(name))
+        for name, title in PAPER_TABLE_TITLES.items()
+        if name in found
+    }
+    return Report(tables, checks=tuple(_build_consistency_checks(rows, min(config.steps_s))))
 
 
 ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

@@ -22,7 +22,6 @@ from studies.natanson import flight, flight_gap, flight_recalibration, paper_for
 from studies.natanson.flight_diagnosis.table import compute_motion_numbers, load_present_baseline, read_flight_residual_table
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report import panels
-from studies.report import tables as render
 from studies.report.claims import fill
 from studies.report.committed_results import flatten, round_values
 from studies.report.panels import AXIS_COLOURS, AXIS_LINE_STYLES, Draw, Line, Panel
@@ -30,7 +29,6 @@ from studies.report.tables import Table
 from studies.report.units import ONE_DEG_S
 from studies.reproduction import Reproduction
 
-REPRODUCTION_FOLDER = Path("build") / "reproduction"
 ESTIMATES = {  # questions on the estimates, with or without a flight
     "Are the estimates unbiased?": "largest of 12 means {bias_in_standard_errors_max:.1f} standard errors ({unbiased}: below "
     "4)",
@@ -66,54 +64,32 @@ FIGURE_TITLES = {
 }
 
 
-def run(
-    folder: Path = REPRODUCTION_FOLDER,
-    config: PaperTablesConfig | None = None,
-    jobs: int = 1,
-    console: Console | None = None,
-) -> dict[str, Any]:
-    """Do the whole reproduction and return the summary.
-
-    Parameters
-    ----------
-    folder : where everything is written
-    config : cases, entropy, scenario and overrides of the Monte Carlo; TRMM's by default
-    jobs : worker processes; the results do not depend on it
-    console : for tables; None prints nothing
-    """
-    config = config or PaperTablesConfig()
+def run(folder: Path, config: PaperTablesConfig, jobs: int, console: Console) -> dict[str, Any]:
+    """Do the whole reproduction with so many worker processes, write it to a folder, and return the summary."""
     scenario = load_base_scenario(config)
-    made = Reproduction(console or Console(quiet=True), jobs)
+    made = Reproduction(console, jobs)
     outcome = made.run(paper_tables.STUDY, config, folder)
     rows = outcome.load()
     made.summary |= {"cases": config.cases, "entropy": config.entropy}
-    for name, table in paper_tables.build_paper_tables(rows, config).items():
-        made.add(name, table.title, table.data)
-    made.summary |= summarise_estimates({name: table.data for name, table in made.tables.items()}, rows, scenario)
+    made.tables = paper_tables.build_paper_tables(rows, config)
+    made.summary |= summarise_estimates(made.tables, rows, scenario)
     if flight.matches_flight(scenario):
         compare_with_flight(scenario, made)
         chosen = paper_tables.select_variant(rows, flight.FLIGHT_STEPS_S[0])
         made.figures |= draw_figures(scenario, chosen)
     made.summary = round_values(made.summary)
     write_parquet(folder / "cases.parquet", rows)
-    shown = [
-        Table("Summary", build_estimates_table(made.summary)),
-        *build_page_tables({name: table.data for name, table in made.tables.items()}),
-    ]
-    title = "# Reproduction of the TRMM gyro calibration"
-    head = [f"{title}: {scenario.title}", "", f"{config.cases} seeds, entropy {config.entropy}.", ""]
-    made.write(folder, "tables.md", head, shown)
-    for table in shown:
-        render.print_table(made.console, table.title, table.data, table.note)
-    made.publish(outcome, folder, command="gyrocal reproduce")
+    shown = [Table("Summary", build_estimates_table(made.summary)), *build_page_tables(made.tables)]
+    title = f"# Reproduction of the TRMM gyro calibration: {scenario.title}"
+    head = [title, "", f"{config.cases} seeds, entropy {config.entropy}.", ""]
+    made.publish(outcome, folder, "tables.md", head, shown, command="gyrocal reproduce")
     return made.summary
 
 
 def compare_with_flight(scenario: Scenario, made: Reproduction) -> None:
     """Add tables and summary of the flight's own numbers."""
     scan = slew_timings.scan_common_timings(scenario)
-    made.add("timing_scan", "Clean gap over all four common timings together", scan)
-    made.add("flight_gap", "Residuals before calibration at 0.5 s", flight_gap.build_gap_comparison(scenario))
+    made.tables |= {"timing_scan": scan, "flight_gap": flight_gap.build_gap_comparison(scenario)}
     add_recalibration_tables(scenario, made)
     made.summary |= summarise_prediction(scenario, scan) | flight_gap.compare_signs(scenario)
     made.summary["flight_noise"] = flight_gap.estimate_noise_from_steps()
@@ -147,8 +123,7 @@ def add_recalibration_tables(scenario: Scenario, made: Reproduction) -> None:
     found = flight_recalibration.calibrate_each_step(scenario)
     agreement = flight_recalibration.compare_residuals_by_step(found)
     second = flight_recalibration.build_second_iteration_table(scenario)
-    made.add("own_agreement", "The flight's own residuals recalibrated", agreement)
-    made.add("table5_second", "N Table 5: second iteration in both parametrisations", second)
+    made.tables |= {"own_agreement": agreement, "table5_second": second}
     by_step = agreement.set_index(agreement["step_s"].map("{:g}".format))
     made.summary |= {
         "own_calibration_rms_deg": by_step["rms_difference_deg"].to_dict(),

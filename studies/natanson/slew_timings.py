@@ -37,10 +37,6 @@ class CommonTiming(NamedTuple):
         last = self.delay_s + duration + (len(section.slew) - 1) * stay
         return duration <= stay and last <= section.stop_s - section.start_s
 
-    def apply(self, section: IntervalSection) -> IntervalSection:
-        """Return the interval with these timings."""
-        return replace_slew_timings(section, self.delay_s, self.compute_duration(section), self.ramp_fraction, self.stay_s)
-
 
 SCANNED = {
     "delay_s": (0.0, 30.0, 60.0, 90.0, 120.0),
@@ -51,10 +47,7 @@ SCANNED = {
 
 
 def scan_common_timings(scenario: Scenario) -> pd.DataFrame:
-    """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out.
-
-    An interval without slews keeps its residuals, and those of the yaw maneuvers do not depend on the stay.
-    """
+    """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out."""
     flown, clean = flight.read_published_residuals("prelaunch"), compute_noise_free_residuals()
     still = [k for k in range(len(scenario.interval)) if k not in SLEWING]
     kept = predict_residuals(scenario)[still]
@@ -63,10 +56,15 @@ def scan_common_timings(scenario: Scenario) -> pd.DataFrame:
     # Sums of squares of both gaps, over the intervals without slews and over each with them.
     of_still = np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
     of_slewing = {}
-    for k in SLEWING:
+    for k in SLEWING:  # the residuals of the yaw maneuvers do not depend on the stay
         keys = [one if k == MINUS_Y else one._replace(stay_s=0.0) for one in timings]
         different = list(dict.fromkeys(keys))
-        theta, _ = simulate_residuals([one.apply(scenario.interval[k]) for one in different])
+        section = scenario.interval[k]
+        moved = [
+            replace_slew_timings(section, one.delay_s, one.compute_duration(section), one.ramp_fraction, one.stay_s)
+            for one in different
+        ]
+        theta, _ = simulate_residuals(moved)
         found = dict(zip(different, theta, strict=True))
         values = np.array([found[key] for key in keys])
         of_slewing[k] = np.array([np.sum((cells[k] - values) ** 2, axis=1) for cells in (flown, clean)])

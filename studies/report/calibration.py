@@ -46,6 +46,8 @@ RESIDUAL_FIGURE_NOTE = (
     "One point a reference attitude, in the order of the intervals (dotted lines between them). The grey band is two sigma of "
     "the stated noise."
 )
+FOREST_ALT = "Corrections of the parameters with their sigmas; the table of parameters has the same numbers."
+RESIDUAL_ALT = "Residuals of the reference attitudes before and after the calibration, with two sigma of the stated noise."
 RATIO_UNITS = {"ppm": 1e-6, "%": 1e-2}
 LIMIT_FORM = re.compile(r"\s*([\w,\s-]+?)\s*<\s*(\d*\.?\d+(?:[eE][-+]?\d+)?)\s*([a-z%/]+)\s*")
 
@@ -57,19 +59,10 @@ def build_calibration_page(
     made: ProvenanceFooter | None = None,
     more: Sequence[Section] = (),
 ) -> Page:
-    """Build the page.
-
-    Parameters
-    ----------
-    result : of the calibration
-    held_out : how well held-out turns are predicted, a sentence
-    truth : known parameters; None if they are not
-    made : for the footer
-    more : further sections, which come last
-    """
+    """Build the page; held_out says how well held-out turns are predicted, and further sections come last."""
     caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
-    picture = Picture("forest", partial(draw_forest, result), _describe_forest(result), caption)
-    residuals = Picture("residuals", partial(draw_residual_figure, result), _describe_residuals(result), RESIDUAL_FIGURE_NOTE)
+    picture = Picture("forest", partial(draw_forest, result), FOREST_ALT, caption)
+    residuals = Picture("residuals", partial(draw_residual_figure, result), RESIDUAL_ALT, RESIDUAL_FIGURE_NOTE)
     exact = result.options.get("iterations") is not None
     how = "converged" if result.converged else "as many as asked for" if exact else "NOT CONVERGED"
     note = f"{len(result.corrections)} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}."
@@ -98,7 +91,10 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
         for r in most.to_dict("records")
     )
     significant = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
-    residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
+    rms = np.sqrt(np.square(result.residuals.filter(like="_deg")).mean())
+    residuals = "; ".join(
+        f"{name} {rms[f'before_{name}_deg']:.4f} to {rms[f'after_{name}_deg']:.4f} deg" for name in ROTATION_NAMES
+    )
     lines = {
         "Why?": " ".join(result.verdict.reasons),
         "What changed?": f"{significant} of {len(table)} parameters by more than three sigma, most of all {changes}.",
@@ -112,11 +108,9 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
 def describe_observability(result: CalibrationResult) -> str:
     """Name the combinations that the data do not determine, or the worst-known one and the correlated pairs."""
     free, ranges = result.observability.unobservable, result.plausible
-    basis = (
-        ""
-        if ranges is None
-        else f" Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
-    )
+    basis = ""
+    if ranges is not None:
+        basis = f" Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
     if result.has_plausible_prior:
         basis += " They are the a-priori sigmas of this calibration."
     if not free:
@@ -124,14 +118,11 @@ def describe_observability(result: CalibrationResult) -> str:
         pairs = [f"{a} and {b}" for share, a, b in _rank_correlated_pairs(result) if share > TIGHT][:MOST_NAMES]
         more = f"; only combinations are known well of {', '.join(pairs)}" if pairs else ""
         return f"Yes: the worst combination is known {values[-1]:.0f} times better than its plausible range{more}.{basis}"
-    sigmas = result.unobservable_sigma if ranges is not None else [None] * len(free)
-    named = []
-    for text, sigma in zip(free, sigmas, strict=True):
-        value = ""
-        if sigma is not None:
-            is_bias = text.split()[1].startswith(BIAS_LETTERS)
-            value = f" (1-sigma {np.rad2deg(sigma):.2g} deg/s)" if is_bias else f" (1-sigma {sigma:.2g})"
-        named.append(f"{text}{value}")
+    named = list(free)
+    if ranges is not None:
+        for k, sigma in enumerate(result.unobservable_sigma):
+            is_bias = free[k].split()[1].startswith(BIAS_LETTERS)
+            named[k] += f" (1-sigma {np.rad2deg(sigma):.2g} deg/s)" if is_bias else f" (1-sigma {sigma:.2g})"
     return f"No. Not determined by the data, only by the prior: {'; '.join(named)}.{basis}"
 
 
@@ -200,11 +191,11 @@ def describe_attenuation(result: CalibrationResult) -> str:
         return ""
     share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)
     off = [f"{NAMES[k]} {result.attenuation[k]:+.2g} ({abs(share[k]):.1f} sigma)" for k in range(9) if abs(share[k]) > NOTABLE]
+    if not off:
+        return ""
     return (
         "Expected error of G, because the body turns hardly more than the noise of the rates between references, which is in "
         f"the attitude, too: {', '.join(off)}. Neither the values above nor their sigmas are corrected for it."
-        if off
-        else ""
     )
 
 
@@ -222,12 +213,11 @@ def build_parameter_table(result: CalibrationResult, truth: GyroParameters | Non
     """Parameters as texts, each to two digits of its sigma; with the truth, their errors."""
     known = None if truth is None else select_parameter_space(result.parametrisation).vector(truth) * DEGREES
     widened = compute_sigma_with_remainder(result)
-    rows = []
+    rows, number = [], tables.format_to_sigma
     for k, row in enumerate(result.summary().to_dict("records")):
         sigma, solved = row["sigma"], row["solved"]
-        number = tables.format_to_sigma if solved else tables.format_plain
         line = {name: row[name] for name in ("parameter", "unit")}
-        line |= {name: number(row[name], sigma) for name in ("initial", "calibrated")}
+        line |= {name: number(row[name], sigma if solved else 0.0) for name in ("initial", "calibrated")}
         line["sigma"] = number(sigma, sigma) if solved else "held"
         if widened is not None:  # the sigma that applies
             sigma = widened[k]
@@ -250,12 +240,6 @@ def compute_sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None
     J = select_parameter_space(result.parametrisation).jacobian(result.parameters)
     half = np.linalg.solve(J, result.remainder.covariance)
     return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, half.T)), 0.0)) * DEGREES)
-
-
-def _compute_rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
-    """Root mean square of the residuals before and after, deg, by axis."""
-    rms = np.sqrt(np.square(result.residuals.filter(like="_deg")).mean())
-    return {name: (float(rms[f"before_{name}_deg"]), float(rms[f"after_{name}_deg"])) for name in ROTATION_NAMES}
 
 
 def _build_solved_table(result: CalibrationResult) -> pd.DataFrame:
@@ -282,15 +266,6 @@ def draw_forest(result: CalibrationResult) -> Figure:
     return draw_panels(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
-def _describe_forest(result: CalibrationResult) -> str:
-    table = _build_solved_table(result)
-    cells = ", ".join(
-        f"{r['parameter']} {tables.format_to_sigma(r['correction'], r['sigma'])} ± {r['sigma']:.2g} {r['unit']}"
-        for r in table.to_dict("records")
-    )
-    return f"Corrections of {len(table)} parameters: {cells}."
-
-
 def draw_residual_figure(result: CalibrationResult) -> Figure:
     """Residuals before and after by axis, over the references, with what the covariance model expects."""
     table = result.residuals
@@ -310,18 +285,13 @@ def draw_residual_figure(result: CalibrationResult) -> Figure:
     return draw_panels(*made, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
 
 
-def _describe_residuals(result: CalibrationResult) -> str:
-    cells = ", ".join(f"{name} from {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
-    return f"Residuals of {len(result.residuals)} reference attitudes; RMS {cells}."
-
-
 def compute_correlations(result: CalibrationResult) -> pd.DataFrame:
     """Correlation of the solved parameters."""
     names = list(result.summary()["parameter"])
     solved = [names.index(name) for name in result.solved_for]
     covariance = result.own_covariance[np.ix_(solved, solved)]
     sigma = np.sqrt(np.diag(covariance))
-    return pd.DataFrame(covariance / np.outer(sigma, sigma), index=list(result.solved_for), columns=list(result.solved_for))
+    return pd.DataFrame(covariance / np.outer(sigma, sigma), list(result.solved_for), list(result.solved_for))
 
 
 def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
@@ -334,14 +304,10 @@ def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, 
 def _build_correlation_items(result: CalibrationResult) -> list[Item]:
     found = compute_correlations(result)
     strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _rank_correlated_pairs(result)[:1])
-    return [
-        Picture(
-            "correlation-map",
-            lambda: draw_panels(make_heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
-            f"Map of the correlations of {len(found)} parameters.{strongest}",
-            "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
-        ),
-    ]
+    caption = "Correlation of each two parameters. Near ±1 only a combination of the two is known well."
+    alt = f"Map of the correlations of {len(found)} parameters.{strongest}"
+    panel = make_heat_map(found.round(1) + 0.0, "{:.1f}")
+    return [Picture("correlation-map", lambda: draw_panels(panel, size=(7.5, 5.6)), alt, caption)]
 
 
 # ---- change against a saved calibration ------------------------------------------------------------------------------------

@@ -77,11 +77,10 @@ def check_extremes(
 
 def check_requirements(answers: Iterable[Answer]) -> list[Check]:
     """A check for each answer; a note if it is undecided."""
-    out = []
-    for answer in answers:
-        bounds = None if answer.outcome == "undecided" else "met"
-        out.append(Check(answer.requirement, answer.outcome, bounds, meaning=REQUIREMENT_NOTE))
-    return out
+    return [
+        Check(one.requirement, one.outcome, None if one.outcome == "undecided" else "met", meaning=REQUIREMENT_NOTE)
+        for one in answers
+    ]
 
 
 def build_check_frame(checks: Iterable[Check]) -> pd.DataFrame:
@@ -100,9 +99,8 @@ def format_checks(checks: Iterable[Check]) -> pd.DataFrame:
     rows = []
     for check in checks:
         value = check.value if isinstance(check.value, str) else format_number(check.value)
-        rows.append(
-            {"check": check.name, "value": value, "unit": check.unit, "asked": _format_bounds(check), "verdict": check.verdict}
-        )
+        row = {"check": check.name, "value": value, "unit": check.unit}
+        rows.append(row | {"asked": _format_bounds(check), "verdict": check.verdict})
     return pd.DataFrame(rows)
 
 

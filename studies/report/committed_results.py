@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-SIGNIFICANT_DIGITS = 6  # significant, of a figure
+from studies.report.tables import SIGNIFICANT_DIGITS
+
 ROOM = 1.1e-5  # relative: one unit of the last of them
 ZERO_TOLERANCE = 1e-12  # of numbers that are zero but for rounding
 COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: what is smaller is zero but for rounding
@@ -100,18 +101,18 @@ def _compare_cells(name: str, then: pd.DataFrame | None, now: pd.DataFrame | Non
     return rows
 
 
-def describe_moved_numbers(now: Results, then: Results | None, differences: pd.DataFrame | None = None) -> str:
-    """Summarise the comparison."""
+def compare_results(now: Results, then: Results | None) -> tuple[str, pd.DataFrame]:
+    """Compare results with committed ones: a summary, and the numbers that moved."""
     if then is None:
-        return f"{now.folder}: nothing committed to compare with."
+        return f"{now.folder}: nothing committed to compare with.", pd.DataFrame()
     if now.config != then.config:
         keys = [key for key in dict.fromkeys([*then.config, *now.config]) if now.config.get(key) != then.config.get(key)]
         changes = ", ".join(f"{key}: {then.config.get(key)} → {now.config.get(key)}" for key in keys)
-        return f"{now.folder}: not compared with {then.folder}, which was made with other settings ({changes})."
-    if differences is None:
-        differences = list_moved_numbers(now, then)
+        return f"{now.folder}: not compared with {then.folder}, which was made with other settings ({changes}).", pd.DataFrame()
+    differences = list_moved_numbers(now, then)
     count = f"{len(then.summary)} numbers of the summary and {len(then.tables)} tables"
     if differences.empty:
-        return f"{now.folder} agrees with {then.folder}: {count}, each within one unit of the {SIGNIFICANT_DIGITS}th digit."
+        within = f"each within one unit of the {SIGNIFICANT_DIGITS}th digit"
+        return f"{now.folder} agrees with {then.folder}: {count}, {within}.", differences
     files = ", ".join(f"{len(part)} in {name}" for name, part in differences.groupby("file", sort=False))
-    return f"{now.folder} DIFFERS from {then.folder}: {len(differences)} numbers moved ({files}), of {count}."
+    return f"{now.folder} DIFFERS from {then.folder}: {len(differences)} numbers moved ({files}), of {count}.", differences

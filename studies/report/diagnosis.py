@@ -4,8 +4,9 @@ No name of an effect is in the answers: `simulator.effects.base.Effect.sentence`
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,14 +54,7 @@ NOTES = (
 
 
 def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan) -> Page:
-    """Build the page.
-
-    Parameters
-    ----------
-    diagnosis : the answer
-    made : for the footer
-    orbit_s : period of the orbit, NaN if unknown; the pointing error is then that of an hour
-    """
+    """Build the page; orbit_s is the period of the orbit, NaN if unknown: the pointing error is then that of an hour."""
     picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
     answers = list_answers(diagnosis, orbit_s)
     size = diagnosis.misfit_size
@@ -321,22 +315,10 @@ def describe_pointing_cost(regressors: pd.DataFrame, orbit_s: float) -> str:
     """State the largest angle by which the causes turn an attitude propagated with the gyro within an orbit or an hour.
 
     The calibration takes part of a cause into G and b. It is made without that part, so the rest is stated.
-
-    Parameters
-    ----------
-    regressors : as of `diagnosis.result.Details`
-    orbit_s : period, NaN if unknown
     """
     if regressors.empty:
         return "The cause is in the samples alone and turns no attitude that could be measured here."
-    labels = regressors["cause"].unique()
-    references = [
-        label
-        for label in labels
-        if label.startswith("references ")
-        or ((name := label.partition(":")[0]) in EFFECTS and EFFECTS[name].stage in ON_REFERENCES)
-    ]
-    gyro = regressors[~regressors["cause"].isin(references)]
+    gyro = regressors[[not _is_on_references(str(label)) for label in regressors["cause"]]]
     if gyro.empty:
         angle, axis, interval, _ = _find_largest_turn(regressors, math.inf)
         size = tables.format_short(angle, 3)
@@ -346,6 +328,11 @@ def describe_pointing_cost(regressors: pd.DataFrame, orbit_s: float) -> str:
     within = name if 0.9 * window < length <= window else format_duration(length)
     size = tables.format_short(angle, 3)
     return f"Propagated with the gyro, the attitude errs by up to {size} arcsec about {axis} in {within}, in {interval}."
+
+
+def _is_on_references(label: str) -> bool:
+    name = label.partition(":")[0]
+    return label.startswith("references ") or (name in EFFECTS and EFFECTS[name].stage in ON_REFERENCES)
 
 
 def _find_largest_turn(regressors: pd.DataFrame, window_s: float) -> tuple[float, str, str, float]:
@@ -372,14 +359,9 @@ def _build_cause_items(diagnosis: Diagnosis) -> list[Item]:
             "cause": cause.label,
             "size": tables.format_size(cause.size, cause.sigma, cause.unit),
             "probability": format_percent(cause.probability),
-            "indistinguishable from": ", ".join(map(_format_label, _list_others(cause))) or "none",
+            "indistinguishable from": ", ".join(map(_format_label, cause.group[1:] if cause.named else cause.group)) or "none",
             "one of these": format_percent(cause.group_probability),
-            "details": "; ".join(
-                [
-                    *(["gyro or references: undecided"] if _is_undecided(cause) else []),
-                    *(_describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()),
-                ]
-            ),
+            "details": "; ".join(_list_details(cause, diagnosis.details)),
         }
         for cause in diagnosis.causes
     ]
@@ -388,11 +370,6 @@ def _build_cause_items(diagnosis: Diagnosis) -> list[Item]:
     drawn = set(diagnosis.details.regressors["cause"])
     pictures = [_build_regressor_picture(diagnosis, cause) for cause in diagnosis.causes if cause.label in drawn]
     return [PageTable(pd.DataFrame(rows), label="Causes"), meanings, *pictures]
-
-
-def _list_others(cause: Cause) -> tuple[str, ...]:
-    """What could stand in the place of a cause, by label."""
-    return cause.group[1:] if cause.named else cause.group
 
 
 def _format_label(label: str) -> str:
@@ -404,33 +381,40 @@ def _format_label(label: str) -> str:
     return f"outside the library ({name}, axis {axis})" if separator else f"outside the library ({label})"
 
 
-def _describe_parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis) -> str:
-    """State one of a cause's other numbers."""
-    if name == "toward":
-        if value == cause.axis:
-            return f"the scale factor of axis {cause.axis} (G_{cause.axis}{value})"
-        return f"axis {cause.axis} picks up the rate about {value} (G_{cause.axis}{value})"
-    if name == "column":
-        return f"follows housekeeping column {value}"
-    if name == "gaps":
-        kinds = {"hold": "holds its value", "grow": "continues", "reset": "restarts from zero"}
-        return f"between intervals the bias {kinds.get(str(value), str(value))}"
-    if isinstance(value, str):
-        return f"{name.replace('_', ' ')} {value}"
+def _list_details(cause: Cause, details: Details) -> Iterator[str]:
+    """The other numbers of a cause, and whether its side is undecided."""
+    if _is_undecided(cause):
+        yield "gyro or references: undecided"
+    for name, value in cause.parameters.items():
+        if name == "toward":
+            what = "the scale factor of axis {}" if value == cause.axis else "axis {} picks up the rate about {}"
+            yield f"{what.format(cause.axis, value)} (G_{cause.axis}{value})"
+        elif isinstance(value, str):
+            yield PARAMETER_WORDS.get(name, f"{name.replace('_', ' ')} {{}}").format(GAP_WORDS.get(value, value))
+        else:
+            yield _describe_number(name, value) + (_locate_interval(value, details) if name == "time_s" else "")
+
+
+PARAMETER_WORDS = {
+    "column": "follows housekeeping column {}",
+    "gaps": "between intervals the bias {}",
+    "time_s": "at {:.0f} s since the epoch",
+    "phase_deg": "phase {:.0f}° at the epoch",
+    "period_s": "period {:.5g} s",
+    "apparent_hz": "seen at {:.5g} Hz",
+    "time_constant_s": "time constant {:.3g} s",
+}
+GAP_WORDS = {"hold": "holds its value", "grow": "continues", "reset": "restarts from zero"}
+
+
+def _describe_number(name: str, value: float) -> str:
+    """State a number of a cause by the unit at the end of its name."""
     if not math.isfinite(value):
         return f"{name.replace('_', ' ')} not known"
+    if name in PARAMETER_WORDS:
+        return PARAMETER_WORDS[name].format(value)
     if name.endswith("_probability"):
         return f"this element with probability {format_percent(value)}, the sigma covers all"
-    forms = {
-        "time_s": "at {:.0f} s since the epoch",
-        "phase_deg": "phase {:.0f}° at the epoch",
-        "period_s": "period {:.5g} s",
-        "apparent_hz": "seen at {:.5g} Hz",
-        "time_constant_s": "time constant {:.3g} s",
-    }
-    if name in forms:
-        place = _locate_interval(value, diagnosis.details) if name == "time_s" else ""
-        return forms[name].format(value) + place
     if name == "fraction":
         return f"{format_percent(value)} of the samples"
     quantity, _, unit = name.rpartition("_")
@@ -438,10 +422,7 @@ def _describe_parameter(name: str, value: float | str, cause: Cause, diagnosis: 
 
 
 def _locate_interval(t_s: float, details: Details) -> str:
-    """Name the interval that a time is in, or the two that it is between.
-
-    The first residual is that of the first observation, which may be a mean of references and not where the interval starts.
-    """
+    """Name the interval that a time is in, or the two that it is between."""
     residuals = details.residuals
     if residuals.empty:
         return ""
@@ -450,6 +431,7 @@ def _locate_interval(t_s: float, details: Details) -> str:
     inside = spans[(spans["min"] <= t_s) & (t_s <= spans["max"])]
     after = spans[spans["min"] > t_s]
     if len(inside):
+        # The first residual may be of a mean of references, which is not where the interval starts.
         own = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
         first = float(own.min()) if len(own) else 0.0
         return f", in {inside.index[0]}, {format_duration(t_s - inside['min'].iloc[0] + first)} after its start"
@@ -457,14 +439,10 @@ def _locate_interval(t_s: float, details: Details) -> str:
 
 
 def _build_regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
-    table = diagnosis.details.regressors
-    part = table[table["cause"] == cause.label]
-    fit = float(np.corrcoef(part["regressor_deg"], part["residual_deg"])[0, 1]) if part["regressor_deg"].std() > 0 else 0.0
     return Picture(
         f"cause-{cause.label.replace(':', '-').replace(' ', '-')}",
-        partial(figures.draw_regressor_figure, table, cause.label),
-        f"Residuals of the baseline against the effect of {cause.label} at the size found, {len(part)} points with a "
-        f"correlation of {fit:.2f}; and both over time in the interval where the effect is largest.",
+        partial(figures.draw_regressor_figure, diagnosis.details.regressors, cause.label),
+        f"Residuals of the baseline against the effect of {cause.label} at the size found, and both over time.",
         f"{cause.label}. Left: each point is a reference attitude about one axis, other causes subtracted. If the cause is "
         "right, points follow the black line; neighbouring points deviate together, since gyro noise adds up in an interval. "
         "Right: both over time.",
@@ -537,12 +515,11 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
 
 
 def _describe_side(left: RemainderSummary) -> str:
-    lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
-    if left.side == UNDECIDED:
-        return f"The side of the remainder is undecided. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
-    return (
-        f"Most of the remainder is in {SIDE_NAMES[left.side]}{lasting}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
-    )
+    side = "The side of the remainder is undecided"
+    if left.side != UNDECIDED:
+        lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
+        side = f"Most of the remainder is in {SIDE_NAMES[left.side]}{lasting}"
+    return f"{side}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
 
 
 def list_remainder_sizes(left: RemainderSummary) -> str:
@@ -558,11 +535,10 @@ def list_remainder_sizes(left: RemainderSummary) -> str:
 
 
 def _build_budget_picture(diagnosis: Diagnosis) -> Picture:
-    steps = "; ".join(f"{figures.name_step(step)} {step.misfit:.3g}" for step in diagnosis.budget)
     caption = "Misfit on held-out data and the share that each cause closes, with its 90 % interval."
     if any(len(step.by_part) > 1 for step in diagnosis.budget):
         caption += " Right: the size of each cause in separate parts of the recording, with 90 % bars; band: over all parts."
-    alt = f"Gap budget on held-out data, whitened mean square: {steps}."
+    alt = "Waterfall of the gap budget on held-out data; the table of the gap budget has its numbers."
     return Picture("budget", partial(figures.draw_waterfall, diagnosis.budget), alt, caption)
 
 
@@ -570,71 +546,49 @@ def _build_budget_picture(diagnosis: Diagnosis) -> Picture:
 
 
 def _build_calibration_items(diagnosis: Diagnosis) -> list[Item]:
-    note = "ω = G ω_raw + b. Values of G have no unit, those of b are in deg/h; change and sigma are in the unit shown."
-    table = tabulate_calibration_change(diagnosis)
-    strong = pd.to_numeric(table["change in sigma"], errors="coerce").abs() > 3
-    if not is_calibration_changed(diagnosis):
-        table, strong = table[["parameter", "baseline", "sigma", "unit"]], pd.Series(False, index=table.index)
-    return [describe_calibration_change(diagnosis), PageTable(table, strong, "Calibration", note)]
-
-
-def is_calibration_changed(diagnosis: Diagnosis) -> bool:
-    """Whether the causes change the calibration, beyond rounding."""
-    G = np.abs(diagnosis.G - diagnosis.baseline_G) > UNCHANGED_SIGMAS * diagnosis.sigma_G
-    bias = np.abs(diagnosis.bias - diagnosis.baseline_bias) > UNCHANGED_SIGMAS * diagnosis.sigma_bias
-    return bool(diagnosis.causes) and bool(G.any() or bias.any())
-
-
-def tabulate_calibration_change(diagnosis: Diagnosis) -> pd.DataFrame:
-    """The parameters G and b as texts: of the baseline, with the causes, and their change.
-
-    Values of G have no unit, of b deg/h; changes and sigmas are in ppm and deg/h.
-    """
-    unit_scale = np.append(np.ones(9), PPM_DEG_H[9:])
-    before, after, sigma = (
-        np.append(G.ravel(), bias) * unit_scale
-        for G, bias in (
-            (diagnosis.baseline_G, diagnosis.baseline_bias),
-            (diagnosis.G, diagnosis.bias),
-            (diagnosis.sigma_G, diagnosis.sigma_bias),
-        )
+    """Parameters of the baseline and with the causes: values of G without unit, all else in ppm and deg/h."""
+    scale = np.append(np.ones(9), PPM_DEG_H[9:])
+    pairs = (
+        (diagnosis.baseline_G, diagnosis.baseline_bias),
+        (diagnosis.G, diagnosis.bias),
+        (diagnosis.sigma_G, diagnosis.sigma_bias),
     )
-    rows = []
-    for name, old, new, error, scale, unit in zip(
-        NAMES, before, after, sigma, PPM_DEG_H / unit_scale, PPM_DEG_H_NAMES, strict=True
-    ):
-        relative = (new - old) / error if 0 < error < math.inf else math.nan
-        rows.append(
-            {
-                "parameter": name,
-                "baseline": tables.format_to_sigma(old, error),
-                "with causes": tables.format_to_sigma(new, error),
-                "change": _remove_zero_sign(tables.format_to_sigma((new - old) * scale, error * scale)),
-                "sigma": tables.format_to_sigma(error * scale, error * scale),
-                "unit": unit,
-                "change in sigma": _remove_zero_sign(f"{relative:+.1f}") if math.isfinite(relative) else tables.NO_VALUE,
-            }
-        )
-    return pd.DataFrame(rows)
+    before, after, sigma = (np.append(G.ravel(), bias) * scale for G, bias in pairs)
+    change = after - before
+    moved = np.divide(change, sigma, out=np.full(COUNT, math.nan), where=(sigma > 0) & (sigma < math.inf))
+    is_changed = bool(diagnosis.causes) and bool((np.abs(change) > UNCHANGED_SIGMAS * sigma).any())
+    own_scale = PPM_DEG_H / scale
+    columns: dict[str, Any] = {"parameter": NAMES, "baseline": map(tables.format_to_sigma, before, sigma)}
+    if is_changed:
+        columns |= {
+            "with causes": map(tables.format_to_sigma, after, sigma),
+            "change": map(_remove_zero_sign, map(tables.format_to_sigma, change * own_scale, sigma * own_scale)),
+        }
+    columns |= {"sigma": map(tables.format_to_sigma, sigma * own_scale, sigma * own_scale), "unit": PPM_DEG_H_NAMES}
+    if is_changed:
+        columns["change in sigma"] = [
+            _remove_zero_sign(f"{one:+.1f}") if math.isfinite(one) else tables.NO_VALUE for one in moved
+        ]
+    strong = list(is_changed & (np.abs(moved.round(1)) > 3))
+    note = "ω = G ω_raw + b. Values of G have no unit, those of b are in deg/h; change and sigma are in the unit shown."
+    count = int((np.abs(moved.round(1)) > 1).sum()) if is_changed else None
+    return [_describe_calibration_change(diagnosis, count), PageTable(pd.DataFrame(columns), strong, "Calibration", note)]
 
 
 def _remove_zero_sign(text: str) -> str:
     return text if float(text) else text.lstrip("+-")
 
 
-def describe_calibration_change(diagnosis: Diagnosis) -> str:
-    """State whether the calibration can be trusted, and how many parameters the causes move."""
+def _describe_calibration_change(diagnosis: Diagnosis, moved: int | None) -> str:
+    """State whether the calibration can be trusted, and how many parameters the causes move by more than a sigma."""
     if not diagnosis.causes:
         if not diagnosis.present:
             return "The calibration is that of the baseline."
         return "No cause is in the model, and the misfit may have moved G and b by many sigmas. Do not trust the sigmas."
     beside = " The unknown effect is not in the model. Do not trust the sigmas." if diagnosis.verdict == "unknown" else ""
-    if not is_calibration_changed(diagnosis):
+    if moved is None:
         return f"The causes change nothing in the calibration.{beside}"
-    moved = pd.to_numeric(tabulate_calibration_change(diagnosis)["change in sigma"], errors="coerce").abs()
-    return (
-        f"With the causes in the model {int((moved > 1).sum())} of {len(moved)} parameters move by more than a sigma.{beside}"
-    )
+    return f"With the causes in the model {moved} of {COUNT} parameters move by more than a sigma.{beside}"
 
 
 # ---- where, and what was compared ----------------------------------------------------------------------------------------
@@ -658,12 +612,10 @@ def _build_residual_picture(diagnosis: Diagnosis) -> Picture | None:
     shown = len(figures.select_largest_intervals(residuals))
     subset = "" if shown == count else f" The {shown} of {count} intervals with the largest residuals."
     after = ", and blue with the causes in the model" if figures.is_residual_changed(residuals) else ""
-    before, left = (figures.normalise_by_band(residuals, when).max() for when in ("before", "after"))
     return Picture(
         "residuals",
         partial(figures.draw_interval_residuals, residuals),
-        f"Attitude residuals of {count} intervals about x, y and z against time, with the baseline's band; the largest is "
-        f"{before:.1f} sigma before and {left:.1f} after.{subset}",
+        f"Attitude residuals of {shown} intervals about x, y and z against time, with the baseline's band.",
         f"Red: residuals of the reference attitudes after the baseline's own fit{after}. The grey band is two sigma of the "
         f"baseline.{subset}",
     )
@@ -676,7 +628,9 @@ def _build_explanation_items(table: pd.DataFrame) -> list[Item]:
     finite = np.isfinite(likeliest["log_evidence"])
     rows = pd.DataFrame(
         {
-            "explanation": [_join_labels(str(text).split(" + ") if text else []) for text in likeliest["effects"]],
+            "explanation": [
+                " + ".join(map(_format_label, text.split(" + "))) if text else "no effect" for text in likeliest["effects"]
+            ],
             "probability": [format_percent(share) for share in likeliest["probability"]],
             "log evidence": likeliest["log_evidence"].map("{:.1f}".format).where(finite, tables.NO_VALUE),
         }
@@ -686,11 +640,6 @@ def _build_explanation_items(table: pd.DataFrame) -> list[Item]:
         "plausible sizes. Bold: with an effect outside the library."
     )
     return [PageTable(rows, list(likeliest["unlisted"]), "Compared explanations", note, SHOWN_EXPLANATIONS)]
-
-
-def _join_labels(labels: Sequence[str]) -> str:
-    """Labels of an explanation; none is the baseline."""
-    return " + ".join(map(_format_label, labels)) or "no effect"
 
 
 # ---- raw tables of sun and Earth sensors ------------------------------------------------------------------------------------

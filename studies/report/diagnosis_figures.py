@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
+BEFORE, AFTER = panels.RED, panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 FIGURE_WIDTH_IN = 11.0  # inches: the width of the page
 MOST_SEPARATE_POINTS = 20  # references of an interval, above which its residuals are a line
 MOST_LETTERS = 24  # of a name
+SINCE_FIRST = "minutes since the interval's first reference"
 MOST_PANELS = 8  # intervals with panels
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 
@@ -68,7 +69,7 @@ def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
                 lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, look[1], size=3.2))
             title = f"{_shorten_name(name)}: {AXIS_TITLES[axis]}"
             y = "residual (deg)" if axis == "x" else ""
-            x = "minutes since the interval's first reference" if name == names[-1] else ""
+            x = SINCE_FIRST if name == names[-1] else ""
             drawn.append(panels.make_curves(lines, title=title, x=x, y=y))
     size = (FIGURE_WIDTH_IN, 1.55 * len(names) + 0.9)
     return panels.draw_panels(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
@@ -100,13 +101,10 @@ def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
         Line(minutes, shown["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
         Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
     ]
-    across = {"x": "effect of the cause at the size found (deg)", "y": "residual of the baseline (deg)"}
+    x, y = "effect of the cause at the size found (deg)", "residual of the baseline (deg)"
+    left = panels.make_curves([*points, slope], x=x, y=y, legend="best")
     title = f"where it is largest: {_shorten_name(place['interval'])}, axis {place['axis']}"
-    along = {"x": "minutes since the interval's first reference", "y": "deg", "title": title}
-    left, right = (
-        panels.make_curves([*points, slope], None, legend="best", **across),
-        panels.make_curves(both, None, legend="best", **along),
-    )
+    right = panels.make_curves(both, x=SINCE_FIRST, y="deg", title=title, legend="best")
     return panels.draw_panels(left, right, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
 
 
@@ -166,22 +164,15 @@ MOST_POINTS = 1500
 
 
 def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
-    """Residuals of α and β over α and over β.
-
-    Parameters
-    ----------
-    residuals : sensor, angle, alpha_deg, beta_deg and the columns of `titles`, deg
-    sensor : name of the sun sensor
-    titles : legend of each column of residuals, drawn in this order
-    """
+    """Draw the residuals of α and β of a sun sensor over α and over β; titles are the legends of their columns."""
     own = residuals[residuals["sensor"] == sensor]
     drawn = []
     for angle in ("alpha", "beta"):
         part = own[own["angle"] == angle]
         part = part.iloc[:: max(1, len(part) // MOST_POINTS)]
         for over in ("alpha", "beta"):
-            looks = {name: (title, RESIDUAL_COLOURS.get(name, BETWEEN), ".") for name, title in titles.items()}
-            lines = [Line(part[f"{over}_deg"], part[name], *look, size=2.0) for name, look in looks.items()]
+            x = part[f"{over}_deg"]
+            lines = [Line(x, part[name], title, RESIDUAL_COLOURS[name], ".", size=2.0) for name, title in titles.items()]
             y = f"residual of {angle} (deg)" if over == "alpha" else ""
             drawn.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
     title = f"{sensor}, measured minus predicted"

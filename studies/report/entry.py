@@ -68,7 +68,7 @@ def write(report: Report, title: str, folder: Path) -> None:
         write_csv(folder / "checks.csv", rendering.build_check_frame(report.checks), SIGNIFICANT_DIGITS)
         lines.append(rendered.format_markdown(CHECKS, rendering.format_checks(report.checks)))
     for name, table in report.tables.items():
-        write_csv(folder / f"{name}.csv", table.data, table.digits)
+        write_csv(folder / f"{name}.csv", table.data, SIGNIFICANT_DIGITS)
         lines.append(rendered.format_markdown(table.title, table.get_shown_data(), table.note, table.formats))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")

@@ -40,25 +40,21 @@ def convert_checks(checks: Sequence[Check]) -> list[Verdict]:
 
 def write_junit(path: Path, suite: str, subject: str, verdicts: Sequence[Verdict]) -> None:
     """Write verdicts as a suite of one class, the subject."""
-    counts = {"failures": sum(bool(one.failure) for one in verdicts), "skipped": sum(bool(one.skipped) for one in verdicts)}
-    about = {"name": _replace_invalid_characters(suite), "tests": str(len(verdicts)), "errors": "0"} | {
-        key: str(n) for key, n in counts.items()
-    }
+    counts = {"tests": len(verdicts), "errors": 0}
+    counts["failures"] = sum(bool(one.failure) for one in verdicts)
+    counts["skipped"] = sum(bool(one.skipped) for one in verdicts)
     root = ElementTree.Element("testsuites")
-    element = ElementTree.SubElement(root, "testsuite", about)
+    element = _add_element(root, "testsuite", name=suite, **{key: str(count) for key, count in counts.items()})
     for one in verdicts:
-        case = ElementTree.SubElement(
-            element,
-            "testcase",
-            {"classname": _replace_invalid_characters(subject), "name": _replace_invalid_characters(one.name)},
-        )
+        case = _add_element(element, "testcase", classname=subject, name=one.name)
         for kind, message in (("failure", one.failure), ("skipped", one.skipped)):
             if message:
-                ElementTree.SubElement(case, kind, {"message": _replace_invalid_characters(message)})
+                _add_element(case, kind, message=message)
     ElementTree.indent(root)
     write_bytes(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
 
 
-def _replace_invalid_characters(text: str) -> str:
-    """Text without the characters that XML cannot hold."""
-    return NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)
+def _add_element(parent: ElementTree.Element, tag: str, **texts: str) -> ElementTree.Element:
+    """Add an element whose attributes have no character that XML cannot hold."""
+    clean = {name: NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text) for name, text in texts.items()}
+    return ElementTree.SubElement(parent, tag, clean)

@@ -92,18 +92,10 @@ def draw_panels(
     sharex: Any = False,
     sharey: Any = False,
 ) -> Figure:
-    """Panels side by side, row by row.
+    """Panels side by side, row by row, on a figure of that size in inches; widths of the columns are relative.
 
-    Parameters
-    ----------
-    panels : left to right, then down
-    size : width and height, inches
-    columns : of the figure; by default all in a row
-    title : above all
-    legend : where the legend of the first panel's labels is, outside of all, such as "outside right center"; none by default
-    legend_title : above it
-    widths : of the columns, relative
-    sharex, sharey : as of matplotlib; labels of y are then on the left only
+    The legend is that of the first panel, outside of all, such as "outside right center". sharex and sharey are matplotlib's;
+    with sharey=True labels of y are on the left only.
     """
     columns = columns or len(panels)
     # Late, here and below: it takes half a second, which a summary on the terminal does not need.
@@ -164,14 +156,7 @@ class Line:
 
 
 def make_curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
-    """Series with their ranges: over time, or as scaling laws on logarithmic axes (log="xy").
-
-    Parameters
-    ----------
-    lines : the series
-    expected : range that the values should be in, in grey
-    axes : further attributes of the `Panel`
-    """
+    """Series with their ranges, over the range that is expected in grey; axes are further attributes of the `Panel`."""
 
     def draw(on: Axes) -> None:
         if expected:
@@ -211,23 +196,12 @@ def make_heat_map(
     form: str = "{:.0e}",
     mark_above: float = np.inf,
     log: bool = False,
-    limits: tuple[float, float] | None = None,
     **axes: Any,
 ) -> Panel:
-    """A table of numbers, coloured by their size, with the numbers in its cells.
-
-    Parameters
-    ----------
-    grid : values, rows upwards
-    form : of the numbers
-    mark_above : limit above which a number is crossed
-    log : colour by the logarithm
-    limits : of the colours, where several maps share them; those of the values by default
-    axes : further attributes of the `Panel`
-    """
+    """A table of numbers, rows upwards, coloured by their size or its logarithm; numbers above `mark_above` are crossed."""
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
-    low, high = limits or (float(np.nanmin(strength)), float(np.nanmax(strength)))
+    low, high = float(np.nanmin(strength)), float(np.nanmax(strength))
     middle = (low + high) / 2
 
     def draw(on: Axes) -> None:
@@ -255,15 +229,7 @@ def make_forest(
     band: tuple[float, float] | None = None,
     **axes: Any,
 ) -> Panel:
-    """Values on a line a name, with their errors.
-
-    Parameters
-    ----------
-    names, values : (n,)
-    thin, thick : (n,) half lengths of the bars, or (2, n) of their left and right part
-    band : range to see them beside
-    axes : further attributes of the `Panel`
-    """
+    """Values (n,) on a line a name, with bars of half lengths (n,), or (2, n) to the left and right, and a band beside them."""
     rows = np.arange(len(names))
 
     def draw(on: Axes) -> None:

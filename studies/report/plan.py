@@ -1,7 +1,6 @@
 """A plan as one page: smallest visible sizes, inseparable pairs, extra maneuvers."""
 
-from collections.abc import Mapping
-
+import numpy as np
 import pandas as pd
 
 from diagnosis.plan.result import Extra, Pair, Plan, Visible
@@ -43,13 +42,14 @@ def build_plan_page(found: Plan, made: ProvenanceFooter | None = None) -> Page:
 
 def format_headline(found: Plan) -> str:
     """Count the visible effects and the inseparable pairs, and name the best extra maneuvers."""
-    by_effect: dict[str, bool] = {}
-    for one in found.effects:
-        by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
+    by_effect = {one.effect: False for one in found.effects}
+    by_effect |= {one.effect: True for one in found.effects if one.verdict == "visible"}
     count = len(found.list_unordered_pairs())
     pairs = f"{count} pair{'' if count == 1 else 's'}"
-    seen = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{_format_hidden_axes(found, by_effect)}"
-    text = f"{seen}, {pairs} cannot be separated"
+    hidden = [one.label for one in found.effects if by_effect[one.effect] and one.verdict != "visible"]
+    more = f" and {len(hidden) - MOST_HIDDEN} more" if len(hidden) > MOST_HIDDEN else ""
+    but = f" (but not {', '.join(hidden[:MOST_HIDDEN])}{more})" if hidden else ""
+    text = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{but}, {pairs} cannot be separated"
     if found.extras and found.extras[0].ratio < 1:
         text += f"; the most helpful extra maneuver is: {found.extras[0].name}"
     resolving = max(found.extras, key=lambda one: len(one.resolved), default=None)
@@ -58,19 +58,12 @@ def format_headline(found: Plan) -> str:
     return text
 
 
-def _format_hidden_axes(found: Plan, by_effect: Mapping[str, bool]) -> str:
-    """Axes about which an effect cannot be seen, of those that can be about another."""
-    hidden = [one.label for one in found.effects if by_effect[one.effect] and one.verdict != "visible"]
-    more = f" and {len(hidden) - MOST_HIDDEN} more" if len(hidden) > MOST_HIDDEN else ""
-    return f" (but not {', '.join(hidden[:MOST_HIDDEN])}{more})" if hidden else ""
-
-
 def build_effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
     """A row for each effect and axis; axes that are alike in words and within a tenth share one."""
     rows = []
     for group in _group_alike(effects):
         first = group[0]
-        finite = any(pd.notna(one.size) and one.size < float("inf") for one in group)
+        finite = any(np.isfinite(one.size) for one in group)
         varies = any(one.best < one.worst for one in group)
         rows.append(
             {
@@ -104,7 +97,7 @@ def _group_alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
 
 def _format_size(group: list[Visible], name: str) -> str:
     values = [getattr(one, name) for one in group]
-    if any(pd.isna(value) or value == float("inf") for value in values):
+    if not np.isfinite(values).all():
         return tables.NO_VALUE
     low, high = (f"{value:.3g}" for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

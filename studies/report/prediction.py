@@ -23,15 +23,7 @@ def tabulate_prediction(found: Prediction) -> pd.DataFrame:
 
 
 def build_prediction_page(found: Prediction, title: str, from_s: float, made: ProvenanceFooter | None = None) -> Page:
-    """Build the page.
-
-    Parameters
-    ----------
-    found : the prediction
-    title : of the recording
-    from_s : time of the last reference that may be used, s
-    made : for the footer
-    """
+    """Build the page of a prediction from the last reference that may be used, at from_s."""
     table, sigma, t = tabulate_prediction(found), found.sigma * ARCSEC_PER_RAD, found.t_s - from_s
     lines = [Line(t, sigma[:, k], axis, AXIS_COLOURS[axis], AXIS_LINE_STYLES[axis]) for k, axis in enumerate("xyz")]
     panel = make_curves(lines, x="s after the last reference", y="sigma (arcsec)", legend="upper left")
@@ -44,9 +36,8 @@ def build_prediction_page(found: Prediction, title: str, from_s: float, made: Pr
     )
     used = f"{found.used} references are used; their χ² about their predictions is {found.chi2:.1f} of {found.dof}."
     shown = table.iloc[np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))]
-    section = Section(
-        "The attitude", [PageTable(shown.apply(_format_column), label=f"Attitude from {from_s:g} s by gyro alone")]
-    )
+    texts = PageTable(shown.apply(_format_column), label=f"Attitude from {from_s:g} s by gyro alone")
+    section = Section("The attitude", [texts])
     heading = f"By gyro alone the attitude is known to {last} arcsec after {t[-1]:.4g} s"
     return Page(heading, [section], Answer("", picture, used), made, f"Prediction of {title}")
 

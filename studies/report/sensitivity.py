@@ -19,8 +19,6 @@ Which dispersions drive the failures is the same index of y = 1 for a failed cas
 failures in the lowest and in the highest fifth of each.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 from scipy.special import ndtri
@@ -49,18 +47,7 @@ def build_rank_basis(x: Array) -> Array:
 
 
 def _compute_r_squared(functions: Array, outputs: Array, weights: Array) -> Array:
-    """R² of each output on one dispersion's functions, for each row of weights.
-
-    Parameters
-    ----------
-    functions : (n, k + 1)
-    outputs : (n, q), each with zero mean and unit variance
-    weights : (b, n) how often each case counts
-
-    Returns
-    -------
-    (b, q)
-    """
+    """(b, q) R² of standardised outputs (n, q) on one dispersion's functions (n, k + 1), by weights (b, n) of the cases."""
     n, k = functions.shape
     gram = (weights @ (functions[:, :, None] * functions[:, None, :]).reshape(n, k * k)).reshape(-1, k, k)
     total, square = weights @ outputs, weights @ outputs**2
@@ -125,12 +112,9 @@ def rank_failure_causes(rows: pd.DataFrame) -> pd.DataFrame:
     inputs, _ = _group_by_case(drawn)
     failed = (drawn.groupby("case")["error"].first() != "").astype(float).rename("failed").to_frame()
     table = _rank_columns(inputs, failed).drop(columns="column", errors="ignore")
-    ends = {}
-    for name in inputs:
-        share = inputs[name].rank(pct=True)
-        ends[name] = [float(failed["failed"][part].mean()) for part in (share <= FIFTH, share > 1 - FIFTH)]
-    for k, end in enumerate(("failed_lowest_fifth", "failed_highest_fifth")):
-        table[end] = [ends[name][k] for name in table["dispersion"]] if len(table) else []
+    share = inputs.rank(pct=True)
+    for end, part in (("failed_lowest_fifth", share <= FIFTH), ("failed_highest_fifth", share > 1 - FIFTH)):
+        table[end] = [float(failed.loc[part[name], "failed"].mean()) for name in table["dispersion"]]
     return table
 
 
@@ -141,11 +125,11 @@ def build_sensitivity_tables(rows: pd.DataFrame, correlated: bool = False) -> di
         return {}
     sure = found[found["low"] > 0]
     order = sure.groupby("column")["first_order"].transform("max").sort_values(ascending=False, kind="stable").index
+    shown = "" if len(sure) <= SHOWN_LINES else f", {SHOWN_LINES} are shown"
     note = (
         "Share of a column's variance that a dispersion explains alone (first-order Sobol index), 95 % bootstrap intervals; "
-        f"of a case with several rows, their mean. {len(sure)} of {len(found)} are surely above zero"
-        f"{'' if len(sure) <= SHOWN_LINES else f', {SHOWN_LINES} are shown'}; dispersions.csv has all."
-        f"{CORRELATED_NOTE if correlated else ''}"
+        f"of a case with several rows, their mean. {len(sure)} of {len(found)} are surely above zero{shown}; "
+        f"dispersions.csv has all.{CORRELATED_NOTE if correlated else ''}"
     )
     out = {"dispersions": Table("What the dispersions drive", found, note, shown=sure.loc[order].head(SHOWN_LINES))}
     failed = rank_failure_causes(rows)
@@ -175,12 +159,9 @@ def _rank_columns(inputs: pd.DataFrame, outputs: pd.DataFrame) -> pd.DataFrame:
     inputs = inputs.loc[:, inputs.nunique() > 2 * REGRESSION_TERMS]
     if len(inputs) < FEWEST_CASES or not len(outputs.columns) or not len(inputs.columns):
         return pd.DataFrame(columns=names)
-    index, low, high = estimate_first_order(inputs.to_numpy(), outputs.to_numpy())
-    parts: Sequence[pd.DataFrame] = [
-        pd.DataFrame(
-            {"column": column, "dispersion": inputs.columns, "first_order": index[:, q], "low": low[:, q], "high": high[:, q]}
-        )
-        for q, column in enumerate(outputs.columns)
-    ]
-    ordered = [part.sort_values("first_order", ascending=False, kind="stable") for part in parts]
-    return pd.concat(ordered, ignore_index=True)[names]
+    found = np.array(estimate_first_order(inputs.to_numpy(), outputs.to_numpy()))
+    parts = []
+    for q, column in enumerate(outputs.columns):
+        part = pd.DataFrame(found[:, :, q].T, columns=names[2:]).assign(column=column, dispersion=inputs.columns)
+        parts.append(part.sort_values("first_order", ascending=False, kind="stable"))
+    return pd.concat(parts, ignore_index=True)[names]

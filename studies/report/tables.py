@@ -35,7 +35,6 @@ class Table:
     formats: Mapping[str, str] = field(default_factory=dict)
     # the form for people, where the table itself is long; or the columns they see
     shown: pd.DataFrame | list[str] | None = None
-    digits: int = SIGNIFICANT_DIGITS  # significant ones of its numbers in the CSV file
 
     def get_shown_data(self) -> pd.DataFrame:
         """Return the columns that are shown."""
@@ -56,13 +55,8 @@ def format_number(value: float, digits: int | None = None) -> str:
 
 
 def format_to_sigma(value: float, sigma: float) -> str:
-    """A value to two digits of its sigma."""
-    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else format_plain(value, sigma)
-
-
-def format_plain(value: float, _: float) -> str:
-    """A value whose sigma says nothing about its digits."""
-    return f"{value:.9g}"
+    """A value to two digits of its sigma; to nine without one."""
+    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else f"{value:.9g}"
 
 
 def format_short(value: float, digits: int = 2, sign: str = "") -> str:

@@ -22,8 +22,6 @@ ENDINGS = {
     "deg": "deg",
     "arcsec": "arcsec",
     "ppm": "ppm",
-    "bytes": "bytes",
-    "kib": "KiB",
     "bits": "bits",
     "ms": "ms",
     "s": "s",

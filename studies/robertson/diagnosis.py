@@ -30,11 +30,11 @@ from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, mak
 from studies.robertson.calendar import PERIODS
 from studies.robertson.ground import DEG_H_PER_RAD_S
 from studies.robertson.ladder import (
-    HORIZON,
-    LANDED,
     NOMINAL,
+    TRIED_EFFECTS,
     WINDOW_NUMBERS,
     Number,
+    TrialEffect,
     apply_mission_effects,
     compute_simulated_numbers,
     estimate_relative_error,
@@ -47,37 +47,6 @@ Windows = Mapping[tuple[str, ...], pd.DataFrame]
 LAST_DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_deg_h": 1e-4}  # R Table 3's last ones
 UNKNOWN_LIMITS = (0.3, 300.0)  # sigmas of a random difference
 MOST_MISSION_EFFECTS = 4
-WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
-
-
-@dataclass(frozen=True)
-class TrialEffect:
-    """An effect as it was flown about the nominal."""
-
-    effect: str  # effect, axis, unit: of the candidate
-    axis: str | None
-    unit: str
-    size: float  # flown
-    limits: tuple[float, float]  # plausible range of the size
-    # set of effects of the windows; empty for a walk of the bias, which is added to the nominal's
-    setting: tuple[str, ...] = ()
-    squared: bool = True  # whether the amplitude is the square of the size
-    switch: bool = False  # whether it is there or not
-
-
-TRIED_EFFECTS = (
-    TrialEffect("horizon_noise", None, "deg", 0.0287, (0.003, 0.2), (HORIZON,)),
-    TrialEffect("horizon_season", "winter lower", "deg", 0.15, (0.02, 0.6), ("horizon_season=0.15",)),
-    TrialEffect("horizon_season", "winter higher", "deg", 0.15, (0.02, 0.6), ("horizon_season=-0.15",)),
-    TrialEffect("dss_transfer", "up", "1", 0.001, (1e-4, 0.01), ("dss_transfer=0.001",), squared=False),
-    TrialEffect("dss_transfer", "down", "1", 0.001, (1e-4, 0.01), ("dss_transfer=-0.001",), squared=False),
-    TrialEffect("cross_track", None, "km", 2.0, (0.2, 10.0), ("cross_track=2",)),
-    TrialEffect("bias_gain", None, "1", 0.3, (0.02, 0.6), ("bias_gain=1.3",), squared=False),
-    *(TrialEffect("gyro_walk", axis, "deg/h/sqrt(day)", WALK_SIZE, (0.001, 0.2)) for axis in "xyz"),
-    TrialEffect("late_filter_upload", None, "", 1.0, (0.0, 1.0), ("late_filter_upload=1",), switch=True),
-    TrialEffect("printed_coefficients", None, "", 1.0, (0.0, 1.0), LANDED[1:], switch=True),
-    TrialEffect("boresights level", None, "", 1.0, (0.0, 1.0), LANDED, switch=True),
-)
 
 
 @dataclass(frozen=True)
@@ -157,11 +126,11 @@ def _read_square_root(amplitudes: Array) -> tuple[float, Parameters]:
     return float(np.sqrt(max(amplitudes[0], 0.0))), {}
 
 
-def add_bias_walk(rows: pd.DataFrame, one: TrialEffect, entropy: int = 1998) -> pd.DataFrame:
+def add_bias_walk(rows: pd.DataFrame, one: TrialEffect) -> pd.DataFrame:
     """The nominal's windows with a walk of the gyro's bias: what the batch finds moves with the bias, nothing else does."""
     config = apply_mission_effects([f"{one.effect}:{one.axis}={one.size}"])
     column = f"bias_{one.axis}_deg_h"
-    bias = [simulate_bias_walk(config, day, entropy)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
+    bias = [simulate_bias_walk(config, day, 1998)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
     return rows.assign(**{column: rows[column] + bias})
 
 

@@ -197,14 +197,7 @@ def _mark_times(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) 
 
 
 def _add_calendar(panel: Panel, days: float, published: tuple[str, str] | None = None) -> Panel:
-    """A panel over the days of the months, with yaw maneuvers and uploads, and R Table 3's mean of each period.
-
-    Parameters
-    ----------
-    panel : over days from launch
-    days : how many
-    published : parameter and axis of R Table 3
-    """
+    """A panel over days from launch, with yaw maneuvers, uploads, and the means of a parameter and axis of R Table 3."""
     config = MissionConfig()
     schedule = build_flight_schedule(config, days)
 

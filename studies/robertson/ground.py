@@ -22,7 +22,8 @@ penetration biases from orbits before December 11, whose sun angles are 8 to 12Â
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -54,29 +55,26 @@ QUADRANTS = 4
 DEG_H_PER_RAD_S = float(np.rad2deg(3600.0))  # of rad/s
 
 
-@dataclass(frozen=True)
-class GroundSolution:
+class GroundSolution(NamedTuple):
     """A batch over a stretch of telemetry, beside the attitude on board and the true one."""
 
     onboard_minus_ground: Array  # onboard_minus_ground, ground_minus_true, onboard_minus_true: (n, 3) roll, pitch, yaw, rad
     ground_minus_true: Array
     onboard_minus_true: Array
     bias: Array  # (3,) that the batch found, rad/s
-    attitudes: Array  # (n, 3, 3) the batch's
 
     def row(self) -> dict[str, float]:
         """RMS of each difference, deg, and the bias, deg/h."""
         out: dict[str, float] = {}
-        for name in ("onboard_minus_ground", "ground_minus_true", "onboard_minus_true"):
-            rms = np.rad2deg(np.sqrt(np.mean(getattr(self, name) ** 2, axis=0)))
+        for name, angles in zip(self._fields[:3], self[:3], strict=True):
+            rms = np.rad2deg(np.sqrt(np.mean(angles**2, axis=0)))
             out |= {f"{name}_{axis}_deg": float(value) for axis, value in zip(ROTATION_NAMES, rms, strict=True)}
         return out | {
             f"bias_{axis}_deg_h": float(value) * DEG_H_PER_RAD_S for axis, value in zip("xyz", self.bias, strict=True)
         }
 
 
-@dataclass(frozen=True)
-class GroundData:
+class GroundData(NamedTuple):
     """What the ground has of a stretch of telemetry, and the truth beside it."""
 
     series: list[SensorSeries]  # series, gyro: for the batch
@@ -84,24 +82,19 @@ class GroundData:
     t_s: Array  # (n,) times of the measurements, s
     true: Array  # true, onboard: (n, 3, 3) attitudes
     onboard: Array
-    sun: Array  # (n, 3) inertial
 
 
 def collect_ground_data(
-    config: MissionConfig,
-    telemetry: pd.DataFrame,
-    tables: OnBoardTables,
-    rng: np.random.Generator,
-    every_s: float = MEASUREMENT_SPACING_S,
+    config: MissionConfig, telemetry: pd.DataFrame, tables: OnBoardTables, rng: np.random.Generator
 ) -> GroundData:
-    """The ground's data of a stretch of telemetry; parameters and errors as of `solve_ground_attitude`."""
+    """Collect the ground's data of a stretch of telemetry; parameters and errors as of `solve_ground_attitude`."""
     t, cycle = telemetry["t_s"].to_numpy(dtype=float), config.controller.cycle_s
     if len(t) < 2 or not np.allclose(np.diff(t), cycle):
         raise ValueError("the ground's batch needs telemetry of every cycle")
     gyro = GyroStream(
         t[:-1], np.deg2rad(_select_columns(telemetry, "raw_{}_deg_s", "xyz")[1:]), cycle, config.gyro.arw, tables.G
     )
-    rows = telemetry.iloc[:: max(1, round(every_s / cycle))]
+    rows = telemetry.iloc[:: max(1, round(MEASUREMENT_SPACING_S / cycle))]
     at = rows["t_s"].to_numpy(dtype=float)
     yaw = 0.0 if config.forward == "+x" else np.pi
     C = compute_commanded_attitude(config.orbit, at, yaw, config.ephemeris.node, config.ephemeris.inclination)
@@ -110,15 +103,11 @@ def collect_ground_data(
         for what in ("error", "estimate")
     )
     sun = compute_sun_vector(compute_julian_date(config.epoch) + at / DAY)
-    return GroundData(_build_sensor_series(config, rows, at, true, sun, tables, rng), gyro, at, true, onboard, sun)
+    return GroundData(_build_sensor_series(config, rows, at, true, sun, tables, rng), gyro, at, true, onboard)
 
 
 def solve_ground_attitude(
-    config: MissionConfig,
-    telemetry: pd.DataFrame,
-    tables: OnBoardTables,
-    rng: np.random.Generator,
-    every_s: float = MEASUREMENT_SPACING_S,
+    config: MissionConfig, telemetry: pd.DataFrame, tables: OnBoardTables, rng: np.random.Generator
 ) -> GroundSolution:
     """The ground's batch over telemetry of every cycle, without a yaw maneuver in it.
 
@@ -130,15 +119,14 @@ def solve_ground_attitude(
     telemetry : of consecutive cycles, with the raw columns
     tables : the ground's; a bias in them is not used, since the batch solves for it
     rng : of the sun sensors' noise
-    every_s : between the measurements used
     """
-    data = collect_ground_data(config, telemetry, tables, rng, every_s)
+    data = collect_ground_data(config, telemetry, tables, rng)
     found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
     # Propagated here, since with the attitudes the batch would compute the covariance of all of them, for half of its time.
     path = build_gyro_arc(data.gyro, data.t_s, tables.G)
     attitudes = path.propagate_nodes(found.bias)[0][path.node(data.t_s)] @ found.attitude
     differences = residual(data.onboard, attitudes), residual(attitudes, data.true), residual(data.onboard, data.true)
-    return GroundSolution(*differences, found.bias, attitudes)
+    return GroundSolution(*differences, found.bias)
 
 
 def _select_columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> Array:
@@ -146,13 +134,7 @@ def _select_columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> 
 
 
 def _build_sensor_series(
-    config: MissionConfig,
-    rows: pd.DataFrame,
-    t: Array,
-    A: Array,
-    sun: Array,
-    tables: OnBoardTables,
-    rng: np.random.Generator,
+    config: MissionConfig, rows: pd.DataFrame, t: Array, A: Array, sun: Array, tables: OnBoardTables, rng: np.random.Generator
 ) -> list[SensorSeries]:
     """The Earth sensor's angles as flown, and both sun sensors' at the true attitudes A, as the ground's tables read them."""
     position = compute_orbit_position(config.orbit, t)
@@ -186,13 +168,8 @@ def compare_alignment(entropy: int = 1998) -> pd.DataFrame:
     """Compare the rotation vector of DSS-2's M, mean over the early orbits, with R (3); deg."""
     base = MissionConfig(mounting="heads", sun_sensors=build_mounted_sensors("heads"))
     base = replace(base, earth_sensor=replace(base.earth_sensor, biases=np.zeros(4)))
-    found = np.mean(
-        [
-            Rotation.from_matrix(align_one_orbit(base, angle, entropy, k).misalignment["DSS-2"]).as_rotvec(degrees=True)
-            for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS))
-        ],
-        axis=0,
-    )
+    aligned = [align_one_orbit(base, angle, entropy, k) for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS))]
+    found = np.mean([Rotation.from_matrix(one.misalignment["DSS-2"]).as_rotvec(degrees=True) for one in aligned], axis=0)
     U, _, V = np.linalg.svd(R3_M)  # the printed matrix is rounded: the rotation nearest to it
     published = Rotation.from_matrix(U @ V).as_rotvec(degrees=True)
     return pd.DataFrame({"what": [f"m_{axis} of DSS-2 (deg)" for axis in "xyz"], "found": found, "R": published})

@@ -138,15 +138,15 @@ def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -
         best = Search(model).find_explanation(ORTHOGONAL)
         assert best is not None
         fitted = fit(model, best.members)
-        again = relinearise_tables(fits, solved, collect_held_amplitudes(fitted), DEFAULT)
+        held = {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fitted}
+        again = relinearise_tables(fits, solved, held, DEFAULT)
         model = again if again is not None else model
     return {one.effect: one.amplitudes for one in fitted}
 
 
 def compute_sensor_amplitudes(setting: Setting) -> Array:
     """The linear amplitudes of an effect on the sensors."""
-    effect = SENSOR_EFFECTS[setting.effect]
-    return effect.amplitudes(setting)
+    return SENSOR_EFFECTS[setting.effect].amplitudes(setting)
 
 
 def _replace_amplitudes(like: Setting, amplitudes: Array) -> Setting:
@@ -155,39 +155,24 @@ def _replace_amplitudes(like: Setting, amplitudes: Array) -> Setting:
     return replace(like, size=size, parameters=parameters)
 
 
-def collect_held_amplitudes(fitted: Sequence[FittedEffect]) -> dict[str, HeldAmplitudes]:
-    """Amplitudes that a model is made about, by label."""
-    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fitted}
-
-
 def record_truth(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
     """The recording of one case under a truth; noise is the same under all of them."""
     scenario = dispersed(config, case)
     motion = simulate_case_motion(scenario)
-    plain = observe(
-        scenario,
-        motion,
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
-    effects = list_true_settings(truth, load_base_scenario(config))
-    tables = simulate_sensor_tables(
-        scenario, motion, effects, streams.entropy, streams.case, change=UNLISTED_CHANGES.get(truth)
-    )
-    return replace(plain, sensors=tables)
+    noise = {f"{name}_rng": streams.generator(f"{name}_noise") for name in ("gyro", "reference")}
+    effects, change = list_true_settings(truth, load_base_scenario(config)), UNLISTED_CHANGES.get(truth)
+    tables = simulate_sensor_tables(scenario, motion, effects, streams.entropy, streams.case, change=change)
+    return replace(observe(scenario, motion, **noise), sensors=tables)
 
 
 def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
     """Simulate the sensor tables under each truth and diagnose them; one row per truth."""
     base = load_base_scenario(config)
-    return [
-        _build_truth_row(
-            truth,
-            list_true_settings(truth, base),
-            explain_tables(record_truth(config, number, streams, truth), LISTED_SENSOR_EFFECTS, seed=number),
-        )
-        for truth in TRUTHS
-    ]
+    rows = []
+    for truth in TRUTHS:
+        seen = explain_tables(record_truth(config, number, streams, truth), LISTED_SENSOR_EFFECTS, seed=number)
+        rows.append(_build_truth_row(truth, list_true_settings(truth, base), seen))
+    return rows
 
 
 def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:

@@ -55,12 +55,6 @@ WINDOW_NUMBERS: tuple[Number, ...] = tuple(
 """R Table 3's 18 numbers."""
 
 
-def place_windows(period: str, count: int) -> Array:
-    """Days from launch of a period's windows."""
-    start, stop = (convert_to_mission_day(moment, MissionConfig()) for moment in FIRST_DAYS[period])
-    return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
-
-
 def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
     """The spacecraft with effects, as of `gyrocal mission --effect`."""
     return apply_mission_settings(MissionConfig(), [parse(text) for text in effects])
@@ -69,7 +63,8 @@ def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
 def simulate_window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
     """Simulate one orbit and solve it on the ground; a row of numbers."""
     config = apply_mission_effects(effects)
-    tables, day = build_period_tables(config), float(place_windows(period, count)[k])
+    start, stop = (convert_to_mission_day(moment, MissionConfig()) for moment in FIRST_DAYS[period])
+    tables, day = build_period_tables(config), start + (stop - start) * (k + 0.5) / count
     seed = entropy + 1000 * PERIODS.index(period) + k
     flying = replace(shift_mission_start(config, day), tables=tables[period])
     flying = replace(flying, gyro=replace(flying.gyro, bias=flying.gyro.bias + simulate_bias_walk(flying, day, entropy)))
@@ -162,16 +157,40 @@ RUNGS = (
     Rung("gyro_walk:y", (HORIZON, WALK), fitted=(("gyro_bias_std_deg_h", "y", POST),)),
 )
 NOMINAL = RUNGS[3].effects
-TRIED = (  # about the nominal, for the diagnosis
-    ("horizon_season=0.15",),
-    ("horizon_season=-0.15",),
-    ("dss_transfer=0.001",),
-    ("dss_transfer=-0.001",),
-    ("late_filter_upload=1",),
-    ("cross_track=2",),
-    ("bias_gain=1.3",),
+WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
+
+
+@dataclass(frozen=True)
+class TrialEffect:
+    """An effect as it was flown about the nominal."""
+
+    effect: str  # effect, axis, unit: of the candidate
+    axis: str | None
+    unit: str
+    size: float  # flown
+    limits: tuple[float, float]  # plausible range of the size
+    # set of effects of the windows; empty for a walk of the bias, which is added to the nominal's
+    setting: tuple[str, ...] = ()
+    squared: bool = True  # whether the amplitude is the square of the size
+    switch: bool = False  # whether it is there or not
+
+
+TRIED_EFFECTS = (
+    TrialEffect("horizon_noise", None, "deg", 0.0287, (0.003, 0.2), (HORIZON,)),
+    TrialEffect("horizon_season", "winter lower", "deg", 0.15, (0.02, 0.6), ("horizon_season=0.15",)),
+    TrialEffect("horizon_season", "winter higher", "deg", 0.15, (0.02, 0.6), ("horizon_season=-0.15",)),
+    TrialEffect("dss_transfer", "up", "1", 0.001, (1e-4, 0.01), ("dss_transfer=0.001",), squared=False),
+    TrialEffect("dss_transfer", "down", "1", 0.001, (1e-4, 0.01), ("dss_transfer=-0.001",), squared=False),
+    TrialEffect("cross_track", None, "km", 2.0, (0.2, 10.0), ("cross_track=2",)),
+    TrialEffect("bias_gain", None, "1", 0.3, (0.02, 0.6), ("bias_gain=1.3",), squared=False),
+    *(TrialEffect("gyro_walk", axis, "deg/h/sqrt(day)", WALK_SIZE, (0.001, 0.2)) for axis in "xyz"),
+    TrialEffect("late_filter_upload", None, "", 1.0, (0.0, 1.0), ("late_filter_upload=1",), switch=True),
+    TrialEffect("printed_coefficients", None, "", 1.0, (0.0, 1.0), LANDED[1:], switch=True),
+    TrialEffect("boresights level", None, "", 1.0, (0.0, 1.0), LANDED, switch=True),
 )
-SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *TRIED]))
+
+
+SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *(one.setting for one in TRIED_EFFECTS)]))
 """Every set of effects that windows are flown with."""
 
 

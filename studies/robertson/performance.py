@@ -42,35 +42,25 @@ def select_full_orbits(orbits: pd.DataFrame) -> pd.DataFrame:
     return orbits[(orbits["samples"] > 0) & (orbits["lost"] == 0)]
 
 
-def compute_attitude_accuracy(run: MissionRun, period: str, axis: str) -> float:
-    """Mean over the period's orbits of the RMS on-board attitude error, deg."""
-    return float(select_full_orbits(select_period(run.orbits, period))[f"rms_knowledge_{axis}_deg"].mean())
-
-
-def compute_mean_update(run: MissionRun, period: str) -> float:
-    """Mean size of the period's yaw updates, deg."""
-    return float(select_period(run.updates, period)["update_deg"].abs().mean())
-
-
-def compute_bias_scatter(run: MissionRun, period: str, axis: str) -> float:
-    """Standard deviation over the period's orbits of the bias seen about a body axis, deg/h."""
-    return float(select_full_orbits(select_period(run.orbits, period))[f"apparent_bias_{GYRO_AXES[axis]}_deg_h"].std())
+def compute_performance(run: MissionRun, period: str) -> dict[tuple[str, str], float]:
+    """The numbers of R Table 3 in a period, by parameter and axis: accuracy and updates in deg, bias scatter in deg/h."""
+    orbits = select_full_orbits(select_period(run.orbits, period))
+    found = {("attitude_accuracy_deg", axis): orbits[f"rms_knowledge_{axis}_deg"].mean() for axis in ROTATION_NAMES}
+    found["yaw_update_deg", "yaw"] = select_period(run.updates, period)["update_deg"].abs().mean()
+    if period != "precalibration":
+        found |= {
+            ("gyro_bias_std_deg_h", axis): orbits[f"apparent_bias_{name}_deg_h"].std() for axis, name in GYRO_AXES.items()
+        }
+    return found
 
 
 def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
     rows = []
     for period in PERIODS:
-        of = {
-            ("attitude_accuracy_deg", axis): [compute_attitude_accuracy(run, period, axis) for run in runs]
-            for axis in ROTATION_NAMES
-        }
-        of["yaw_update_deg", "yaw"] = [compute_mean_update(run, period) for run in runs]
-        if period != "precalibration":
-            of |= {
-                ("gyro_bias_std_deg_h", axis): [compute_bias_scatter(run, period, axis) for run in runs] for axis in GYRO_AXES
-            }
-        for (parameter, axis), values in of.items():
+        found = [compute_performance(run, period) for run in runs]
+        for parameter, axis in found[0]:
+            values = [one[parameter, axis] for one in found]
             flight = published_tables.read_published_performance(parameter, axis, period)
             rows.append((parameter, axis, period, flight, float(np.mean(values)), min(values), max(values)))
     names = ["parameter", "axis", "period", "flight", "simulated", "lowest", "highest"]
@@ -91,7 +81,10 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
             limit = published_tables.read_requirement(name)
             for axis in ROTATION_NAMES:
                 values, weights = orbits[f"{column}_{axis}_deg"].to_numpy(), orbits["samples"].to_numpy()
-                together = _find_largest(values) if name == "stability" else 3 * _compute_weighted_rms(values, weights)
+                together = np.nan
+                if len(values):
+                    rms = np.sqrt(weights @ values**2 / weights.sum())
+                    together = float(values.max() if name == "stability" else 3 * rms)
                 rows.append(
                     {
                         "period": period,
@@ -104,14 +97,6 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
                     }
                 )
     return pd.DataFrame(rows)
-
-
-def _compute_weighted_rms(values: Array, weights: Array) -> float:
-    return float(np.sqrt(weights @ values**2 / weights.sum())) if len(values) else np.nan
-
-
-def _find_largest(values: Array) -> float:
-    return float(values.max()) if len(values) else np.nan
 
 
 def compare_orientations(runs: Sequence[MissionRun]) -> pd.DataFrame:

@@ -1,6 +1,6 @@
 """Reproduce the Mission Mode: R Tables 1 to 3 and Figures 6 to 13 beside the flight's published values."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,15 +11,13 @@ from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule
-from studies.report import tables as render
 from studies.report.committed_results import round_values
-from studies.report.tables import Table, format_number
+from studies.report.tables import NO_VALUE, Table, format_number
 from studies.reproduction import Reproduction, call_all
 from studies.robertson import diagnosis, figures, geometry, ground, ladder, performance
 from studies.robertson.calendar import PERIODS
 from studies.robertson.runs import SPIKE_FILTERS, STUDY, MissionStudy, Runs, load_flights, load_windows
 
-MISSION_FOLDER = Path("build") / "mission"
 HEAD = """
 The simulated Mission Mode runs from launch to the end of April 1998. R is Robertson et al. (1999), N is Natanson (1998). The
 periods are R's: before December 11, to February 27, March and April. [docs/mission.md](../../docs/mission.md) lists what
@@ -48,55 +46,43 @@ PERFORMANCE_NOTE = (
 MONTHS_NOTE = "Accuracy and update in deg, bias scatter in deg/h. Simulated accuracy is on board minus true."
 
 
-def run(
-    folder: Path = MISSION_FOLDER, study: MissionStudy | None = None, jobs: int = 1, console: Console | None = None
-) -> dict[str, Any]:
-    """Fly everything, write everything, and return the summary.
-
-    Parameters
-    ----------
-    folder : where everything is written
-    study : what is flown
-    jobs : worker processes; the results do not depend on it
-    console : for tables; None prints nothing
-    """
-    what = study or MissionStudy()
-    made = Reproduction(console or Console(quiet=True), jobs)
-    outcome = made.run(STUDY, what, folder)
-    runs = load_flights(what, outcome.table)
-    months = [runs["months", str(k)] for k in range(what.seeds)]
-    tables = {
+def run(folder: Path, study: MissionStudy, jobs: int, console: Console) -> dict[str, Any]:
+    """Fly everything with so many worker processes, write it to a folder, and return the summary."""
+    made = Reproduction(console, jobs)
+    outcome = made.run(STUDY, study, folder)
+    runs = load_flights(study, outcome.table)
+    months = [runs["months", str(k)] for k in range(study.seeds)]
+    misses = performance.collect_slew_misses(runs)
+    made.tables = {
         "requirements": performance.build_requirements_table(months),
-        "table2": performance.build_slew_table(performance.collect_slew_misses(runs)),
+        "table2": performance.build_slew_table(misses),
         "table3": performance.build_performance_table(months),
         "biases": performance.build_apparent_bias_table(months),
         "orientation": performance.compare_orientations(months),
-        "yaw_maneuvers": performance.compare_maneuver_dates(what.days),
+        "yaw_maneuvers": performance.compare_maneuver_dates(study.days),
     }
-    made.summary = summarise_mission(tables, runs)
-    if what.windows:
-        tables |= compare_with_flight(made, load_windows(outcome.table), what.entropy)
-    uploads = [at for at, _ in build_flight_schedule(MissionConfig(), what.days).uploads]
+    made.summary = summarise_mission(made.tables, runs)
+    if study.windows:
+        add_flight_comparison(made, load_windows(outcome.table), study.entropy)
+    uploads = [at for at, _ in build_flight_schedule(MissionConfig(), study.days).uploads]
     daily = figures.average_by_day(months[0].orbits, uploads)
-    made.figures = figures.draw_mission_figures(runs, daily, months[0].updates, what.days)
+    made.figures = figures.draw_mission_figures(runs, daily, months[0].updates, study.days)
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
-    tables |= {"daily": daily, "slews": performance.collect_slew_misses(runs), "updates": updates}
-    for name, data in tables.items():
-        made.add(name, name, data)
+    made.tables |= {"daily": daily, "slews": misses, "updates": updates}
     made.summary = round_values(made.summary)
-    shown = build_page_tables(tables)
-    flown = f"Months: {what.seeds} seeds of {what.days:g} days; yaw maneuver: {what.slews} seeds."
-    made.write(folder, "report.md", ["# Mission Mode beside the flight", "", HEAD.strip(), flown, ""], shown)
-    for table in shown:
-        render.print_table(made.console, table.title, table.data, table.note)
-    seeds = {"entropy": what.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"}
-    command = "gyrocal reproduce --paper robertson"
-    made.publish(outcome, folder, command=command, scenario=asdict(MissionConfig()), seeds=seeds)
+    flown = f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds."
+    about = {
+        "command": "gyrocal reproduce --paper robertson",
+        "scenario": asdict(MissionConfig()),
+        "seeds": {"entropy": study.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"},
+    }
+    head = ["# Mission Mode beside the flight", "", HEAD.strip(), flown, ""]
+    made.publish(outcome, folder, "report.md", head, build_page_tables(made.tables), **about)
     return made.summary
 
 
-def compare_with_flight(made: Reproduction, rows: dict[tuple[str, ...], pd.DataFrame], entropy: int) -> dict[str, pd.DataFrame]:
-    """R's own statistic on the ladder of effects, its diagnosis, the alignment, and the sensors' geometry."""
+def add_flight_comparison(made: Reproduction, rows: dict[tuple[str, ...], pd.DataFrame], entropy: int) -> None:
+    """Add R's own statistic on the ladder of effects, its diagnosis, the alignment, and the sensors' geometry."""
     calls: list[Any] = [
         partial(ground.compare_alignment, entropy),
         partial(ladder.build_ladder_table, rows),
@@ -105,10 +91,9 @@ def compare_with_flight(made: Reproduction, rows: dict[tuple[str, ...], pd.DataF
     ]
     aligned, rungs, found, share = call_all(calls, made.jobs)
     made.summary |= {"diagnosis": found.summary(), "geometry": geometry.summarise_availability(share)}
-    return {
+    made.tables |= diagnosis.build_diagnosis_tables(found) | {
         "ladder": rungs,
         "ladder_numbers": ladder.build_rung_numbers(rows, ladder.read_published_numbers()),
-        **diagnosis.build_diagnosis_tables(found),
         "availability": share,
         "tangents": geometry.compute_alpha_tangents(),
         "alignment": aligned,
@@ -159,73 +144,38 @@ def _find_largest_errors(run: MissionRun) -> dict[str, float]:
 
 def build_page_tables(tables: Mapping[str, pd.DataFrame]) -> list[Table]:
     """Build R Tables 1 to 3 beside the flight's values from the reproduction's tables."""
-    if "ladder_numbers" in tables:
-        third = Table("R Table 3: Mission Mode performance", _format_ladder_numbers(tables["ladder_numbers"]), PERFORMANCE_NOTE)
-    else:
-        third = Table("R Table 3: Mission Mode performance", _format_months(tables["table3"]), MONTHS_NOTE)
+    limits = tables["requirements"]
+    names = limits["period"].map(PERIOD_NAMES) + ": " + limits["requirement"] + " " + limits["axis"]
+    required = {"number": names, "required": limits["limit_deg"].map("{:g}".format)}
+    first = _format_table(required, limits["simulated_deg"], limits["limit_deg"])
+    slews = tables["table2"]
+    names = slews["maneuver"].str.replace("-", "−") + ", " + slews["tables"].map(SLEW_NAMES) + ": " + slews["axis"]
+    flown = {"number": names, "flown": slews["flight_deg"].map("{:.3f}".format)}
+    second = _format_table(flown, slews["simulated_deg"], slews["flight_deg"], slews["std_deg"])
+    has_ladder = "ladder_numbers" in tables
+    numbers = tables["ladder_numbers" if has_ladder else "table3"]
+    names = numbers["period"].map(PERIOD_NAMES) + ": " + numbers["parameter"].map(PARAMETER_NAMES) + " " + numbers["axis"]
+    flown = {"number": names, "flown": numbers["flight"].map("{:g}".format)}
+    third = _format_table(flown, numbers["computed_coefficients" if has_ladder else "simulated"], numbers["flight"])
+    if has_ladder:
+        third["with effects"] = numbers["gyro_walk:y"].map("{:.3f}".format)
     return [
-        Table("R Table 1: requirements", _format_requirements(tables["requirements"]), REQUIREMENT_NOTE),
-        Table("R Table 2: attitude error of the yaw maneuver", _format_slews(tables["table2"]), SLEW_NOTE),
-        third,
+        Table("R Table 1: requirements", first, REQUIREMENT_NOTE),
+        Table("R Table 2: attitude error of the yaw maneuver", second, SLEW_NOTE),
+        Table("R Table 3: Mission Mode performance", third, PERFORMANCE_NOTE if has_ladder else MONTHS_NOTE),
     ]
 
 
-def _format_requirements(table: pd.DataFrame) -> pd.DataFrame:
-    rows = [
+def _format_table(
+    start: Mapping[str, pd.Series], simulated: pd.Series, known: pd.Series, sigma: pd.Series | None = None
+) -> pd.DataFrame:
+    """Texts of simulated numbers and of their differences to known ones, after the first columns."""
+    format_milli = partial(format_number, digits=3)
+    texts = simulated.map(format_milli)
+    return pd.DataFrame(
         {
-            "number": f"{PERIOD_NAMES[row['period']]}: {row['requirement']} {row['axis']}",
-            "required": f"{row['limit_deg']:g}",
-            "simulated": format_number(row["simulated_deg"], 3),
-            "difference": _format_difference(row["simulated_deg"] - row["limit_deg"], 3),
+            **start,
+            "simulated": texts if sigma is None else texts + " ± " + sigma.map(format_milli),
+            "difference": (simulated - known).map(lambda value: NO_VALUE if pd.isna(value) else f"{value:+.3f}"),
         }
-        for row in table.to_dict("records")
-    ]
-    return pd.DataFrame(rows)
-
-
-def _format_slews(table: pd.DataFrame) -> pd.DataFrame:
-    rows = [
-        {
-            "number": f"{row['maneuver'].replace('-', '−')}, {SLEW_NAMES[row['tables']]}: {row['axis']}",
-            "flown": f"{row['flight_deg']:.3f}",
-            "simulated": f"{format_number(row['simulated_deg'], 3)} ± {format_number(row['std_deg'], 3)}",
-            "difference": _format_difference(row["simulated_minus_flight_deg"], 3),
-        }
-        for row in table.to_dict("records")
-    ]
-    return pd.DataFrame(rows)
-
-
-def _name_number(row: Mapping[Hashable, Any]) -> str:
-    return f"{PERIOD_NAMES[row['period']]}: {PARAMETER_NAMES[row['parameter']]} {row['axis']}"
-
-
-def _format_ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
-    rows = [
-        {
-            "number": _name_number(row),
-            "flown": f"{row['flight']:g}",
-            "simulated": f"{row['computed_coefficients']:.3f}",
-            "difference": _format_difference(row["computed_coefficients"] - row["flight"], 3),
-            "with effects": f"{row['gyro_walk:y']:.3f}",
-        }
-        for row in table.to_dict("records")
-    ]
-    return pd.DataFrame(rows)
-
-
-def _format_months(table: pd.DataFrame) -> pd.DataFrame:
-    rows = [
-        {
-            "number": _name_number(row),
-            "flown": f"{row['flight']:g}",
-            "simulated": format_number(row["simulated"], 3),
-            "difference": _format_difference(row["simulated_minus_flight"], 3),
-        }
-        for row in table.to_dict("records")
-    ]
-    return pd.DataFrame(rows)
-
-
-def _format_difference(value: float, digits: int) -> str:
-    return render.NO_VALUE if pd.isna(value) else f"{value:+.{digits}f}"
+    )

@@ -4,12 +4,12 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
-`window`: single orbits through the months with effects, see `studies.robertson.ladder` and `studies.robertson.ladder`.
+`window`: single orbits through the months with effects, see `studies.robertson.ladder`.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, ClassVar
@@ -34,6 +34,7 @@ SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after t
 YAW_DAYS = {"precalibration": 6.0, "postcalibration": 100.0}  # from launch; R does not say when its figures 7 and 12 are from
 YAW_ORBITS = 8.0
 SPIKE_ORBITS = 4.0
+SLEW_ORBITS = ORBITS_TO_SLEW + 0.5
 SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view once an orbit
 SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
 KEPT_TABLES = {  # tables of each kind of flight that are made use of
@@ -63,23 +64,10 @@ class MissionStudy(GridConfig):
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
         names += [("slew", *which) for which in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
-        return names + (list_window_runs() if self.windows else [])
-
-
-@dataclass(frozen=True)
-class MissionFlight:
-    """One run of the loop."""
-
-    config: MissionConfig
-    seconds: float
-    seed: int
-    telemetry_every: int | None = None
-
-    def fly(self) -> MissionRun:
-        """Fly it; that it is told of days lets Ctrl-C through between two of them."""
-        return simulate_mission(
-            self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=lambda days: None
-        )
+        if self.windows:
+            windows = [(period, str(k)) for period, count in PERIOD_COUNTS.items() for k in range(count)]
+            names += [(WINDOW, str(effects), *window) for effects, window in product(range(len(SETS)), windows)]
+        return names
 
 
 def find_spike_day(config: MissionConfig) -> float:
@@ -89,24 +77,28 @@ def find_spike_day(config: MissionConfig) -> float:
     return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
 
 
-def build_mission_flight(study: MissionStudy, name: Name) -> MissionFlight:
-    """The flight of a name, of those without effects."""
-    base, first, (kind, *which) = MissionConfig(), study.entropy, name
-    period = base.orbit.period
+def fly_mission(study: MissionStudy, name: Name) -> MissionRun:
+    """Fly the flight of a name, of those without effects."""
+    base, seed, (kind, *which) = MissionConfig(), study.entropy, name
+    period, tables = base.orbit.period, build_period_tables()
+    every: int | None = None
     if kind == "months":
-        return MissionFlight(build_flight_schedule(base, study.days), study.days * DAY, first + int(which[0]))
-    tables = build_period_tables()
-    if kind == "yaw":
-        day = YAW_DAYS[which[0]]
-        return MissionFlight(replace(shift_mission_start(base, day), tables=tables[which[0]]), YAW_ORBITS * period, first, 20)
-    if kind == "spikes":
+        config, seconds = build_flight_schedule(base, study.days), study.days * DAY
+        seed += int(which[0])
+    elif kind == "yaw":
+        config = replace(shift_mission_start(base, YAW_DAYS[which[0]]), tables=tables[which[0]])
+        seconds, every = YAW_ORBITS * period, 20
+    elif kind == "spikes":
         s_filter: Filter = which[0]  # type: ignore[assignment]
         own = replace(tables["postcalibration"], s_filter=s_filter)
-        return MissionFlight(
-            replace(shift_mission_start(base, find_spike_day(base)), tables=own), SPIKE_ORBITS * period, first, 4
-        )
-    maneuver, upload, seed = which
-    return MissionFlight(build_slew_config(base, tables[upload], maneuver), (ORBITS_TO_SLEW + 0.5) * period, first + int(seed))
+        config = replace(shift_mission_start(base, find_spike_day(base)), tables=own)
+        seconds, every = SPIKE_ORBITS * period, 4
+    else:
+        maneuver, upload, number = which
+        config, seconds = build_slew_config(base, tables[upload], maneuver), SLEW_ORBITS * period
+        seed += int(number)
+    # That it is told of days lets Ctrl-C through between two of them.
+    return simulate_mission(config, seconds=seconds, seed=seed, telemetry_every=every, progress=lambda days: None)
 
 
 def run_case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
@@ -115,7 +107,7 @@ def run_case(config: MissionStudy, number: int, streams: Streams) -> list[dict[s
     if name[0] == WINDOW:
         _, effects, period, k = name
         return [{"table": WINDOW, **simulate_window(SETS[int(effects)], period, int(k), PERIOD_COUNTS[period], config.entropy)}]
-    run = build_mission_flight(config, name).fly()
+    run = fly_mission(config, name)
     return [{"table": table, **row} for table in KEPT_TABLES[name[0]] for row in getattr(run, table).to_dict("records")]
 
 
@@ -131,14 +123,6 @@ def load_flights(config: MissionStudy, path: Path) -> Runs:
         for number, flight in enumerate(config.points())
         if flight[0] != WINDOW
     }
-
-
-def list_window_runs() -> list[Name]:
-    """Names of the windows flown with the ladder's sets of effects, by period and number."""
-    sets = [str(place) for place in range(len(SETS))]
-    return [
-        (WINDOW, effects, period, str(k)) for effects in sets for period, count in PERIOD_COUNTS.items() for k in range(count)
-    ]
 
 
 def load_windows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:

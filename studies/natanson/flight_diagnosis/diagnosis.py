@@ -1,4 +1,4 @@
-"""A table's diagnosis: is there a gap, what explains it, how far does it close.
+"""A table's diagnosis: is there a gap, and what explains it.
 
 The linear model has the 18 motion numbers, whitened by what print leaves of them (`studies.natanson.flight_diagnosis.table`).
 The candidates are
@@ -10,7 +10,7 @@ The candidates are
   outside the linear model;
 - unlisted rivals: a random residual of any size in all numbers, in one interval or in one number.
 
-The common attribution, amplitudes and closure do the inference. What is added here is the iteration: timings act nonlinearly,
+The common attribution and amplitudes do the inference. What is added here is the iteration: timings act nonlinearly,
 so the model is linearised again about what was found until nothing changes, each timing about its likeliest values beside the
 other effects of the best explanation.
 
@@ -25,11 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer import Closure, Verdict
+from diagnosis.answer import Verdict
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution, rank_all
-from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.search import Search
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters, SelectedCandidate
 from diagnosis.settings import DEFAULT
@@ -52,7 +50,6 @@ UNKNOWN_DEG = (0.001, 1.0)  # of what is unknown
 FLAT = 12**-0.5  # standard deviation of what is flat between zero and one
 TIMING_STEP = 0.01  # of a timing between zero and one, for its derivative
 MOST_FLIGHT_EFFECTS = 5  # four timings and one more
-SPLITS = {"number": "a number at a time", "interval": "an interval at a time"}
 
 
 @dataclass(frozen=True)
@@ -64,10 +61,8 @@ class LinearisationPoint:
     timings: Mapping[str, Array] = field(default_factory=lambda: {one.axis: np.full(len(one.names), 0.5) for one in TIMINGS})
 
 
-def build_flight_model(
-    table: ResidualTable, baseline: Baseline, point: LinearisationPoint, split: str = "number"
-) -> LinearModel:
-    """The linear model of a table under a baseline about a point; `split`, of `SPLITS`, is what is held out at a time."""
+def build_flight_model(table: ResidualTable, baseline: Baseline, point: LinearisationPoint) -> LinearModel:
+    """The linear model of a table under a baseline about a point."""
     assumed, case = compute_motion_numbers(table, baseline), compute_motion_numbers(table, baseline, point.flips)
     L = np.asarray(np.linalg.cholesky(case.covariance))
     groups = [
@@ -76,16 +71,8 @@ def build_flight_model(
         _make_noise_candidate(table, baseline, case),
         *_list_random_rivals(L),
     ]
-    owner = np.array([f"{k + 1} {name}" if split == "number" else f"{k + 1}" for k, name in RESIDUAL_PLACES])
-    held = list(dict.fromkeys(owner))
-    return build_model(assumed.d, case.covariance, groups, owner, held, SPLITS[split], MOST_FLIGHT_EFFECTS)
-
-
-def move_point(point: LinearisationPoint, fitted: FittedEffect) -> LinearisationPoint:
-    """The point with the timings that were found, as far as they can be flown."""
-    if fitted.effect != TIMING or fitted.axis is None:
-        return point
-    return LinearisationPoint(point.flips, {**point.timings, fitted.axis: np.clip(0.5 + FLAT * fitted.amplitudes, 0.0, 1.0)})
+    owner = np.array([f"{k + 1} {name}" for k, name in RESIDUAL_PLACES])
+    return build_model(assumed.d, case.covariance, groups, owner, owner, "a number at a time", MOST_FLIGHT_EFFECTS)
 
 
 def _make_shifted_candidate(
@@ -162,11 +149,8 @@ class TableDiagnosis:
     sets: Mapping[Effects, float]  # probability of each set of effects, the likeliest first, whatever their axes
     fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation, unlisted ones included
     noise: tuple[float, float]  # mean and sigma of the noise over the baseline's
-    # by the likeliest explanation with the amplitudes that the other numbers give it, of each of `SPLITS`; empty without a gap
-    closed: Mapping[str, Closure]
     before: Array  # before, after: (18,) d without and with the listed effects of the likeliest explanation, deg
     after: Array
-    covariance: Array  # (18, 18) that print leaves of `after`, deg²
 
     def includes(self, effect: str) -> float:
         """Probability that an effect is at work."""
@@ -194,16 +178,12 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
     case = compute_motion_numbers(table, baseline)
     noise = estimate_noise_level(table, case.Theta, baseline)[1:]
     if gap["p_value"] > FALSE_ALARM:
-        return TableDiagnosis(gap, "none", (), {frozenset(): 1.0}, (), noise, {}, case.d, case.d, case.covariance)
+        return TableDiagnosis(gap, "none", (), {frozenset(): 1.0}, (), noise, case.d, case.d)
     model, attribution, point = search_with_relinearisation(table, baseline)
-    best = attribution.ranked[0].labels
-    members = [_find_member(model, label) for label in best]
-    fitted = tuple(fit(model, members))
+    fitted = tuple(fit(model, [_find_member(model, label) for label in attribution.ranked[0].labels]))
     known = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
-    last = compute_motion_numbers(table, baseline, point.flips)
-    explains = sum((np.linalg.cholesky(last.covariance) @ one.contribution for one in known), np.zeros(case.d.size))
-    held = Search(model).optimise_members(tuple(members)).members
-    closed = {split: compute_closure(build_flight_model(table, baseline, point, split), held) for split in SPLITS}
+    L = np.linalg.cholesky(compute_motion_numbers(table, baseline, point.flips).covariance)
+    explains = sum((L @ one.contribution for one in known), np.zeros(case.d.size))
     sets: dict[Effects, float] = defaultdict(float)
     for one in attribution.ranked:
         sets[frozenset(UNKNOWN_NAME if label.startswith(UNKNOWN_NAME) else label.split(":")[0] for label in one.labels)] += (
@@ -219,10 +199,8 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
         sets=dict(sorted(sets.items(), key=lambda item: -item[1])),
         fitted=fitted,
         noise=noise,
-        closed={split: one for split, one in closed.items() if one is not None},
         before=case.d,
         after=case.d - explains,
-        covariance=last.covariance,
     )
 
 
@@ -253,13 +231,14 @@ def relinearise_timings(
     """
     for _ in range(LINEARISATION_ITERATIONS):
         model = build_flight_model(table, baseline, point)
-        new = point
+        timings = dict(point.timings)
         for one in TIMINGS:
             label = f"{TIMING}:{one.axis}"
             others = [_find_member(model, o) for o in found if o != label and (label in found or not o.startswith(TIMING))]
-            new = move_point(new, fit(model, [*others, _find_member(model, label)])[-1])
-        change = max(float(np.abs(new.timings[axis] - u).max()) for axis, u in point.timings.items())
-        point = new
+            amplitudes = fit(model, [*others, _find_member(model, label)])[-1].amplitudes
+            timings[one.axis] = np.clip(0.5 + FLAT * amplitudes, 0.0, 1.0)  # as far as they can be flown
+        change = max(float(np.abs(timings[axis] - u).max()) for axis, u in point.timings.items())
+        point = LinearisationPoint(point.flips, timings)
         if change < CONVERGED_TIMING:
             break
     return point

@@ -34,7 +34,7 @@ from studies.natanson.flight_diagnosis.table import (
     load_present_baseline,
     locate_misfit,
     read_flight_residual_table,
-    reverse_slews,
+    reverse_intervals,
     round_to_digits,
     simulate_each_interval,
 )
@@ -43,7 +43,7 @@ from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 from studies.printed_table import UNKNOWN_NAME
 from studies.report.checks import Check, bound_above, bound_below, bound_near
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, summarise_groups
+from studies.report.tables import Table
 
 EFFECTS_BY_KIND: dict[str, Effects] = {
     "nothing": frozenset(),
@@ -73,9 +73,7 @@ def draw_flown_intervals(kind: str, scenario: Scenario, rng: np.random.Generator
         for k, section in timings.apply_timings(sections, rng.random(len(timings.names))).items():
             sections[k] = section
     reversals = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
-    for k in reversals.get(kind, ()):
-        sections[k] = reverse_slews(sections[k])
-    return tuple(sections)
+    return reverse_intervals(sections, reversals.get(kind, ()))
 
 
 def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> ResidualTable:
@@ -98,12 +96,8 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
     coarser = before + np.cumsum(steps, axis=0)
     after = noise - (H @ error).reshape(6, 3)
     published = flight.read_published_calibration().vector - error
-    return ResidualTable(
-        round_to_digits(before, CELL_DEG),
-        round_to_digits(after, CELL_DEG),
-        round_to_digits(coarser, CELL_DEG),
-        round_to_digits(published, PUBLISHED_DIGITS),
-    )
+    cells = (round_to_digits(values, CELL_DEG) for values in (before, after, coarser))
+    return ResidualTable(*cells, round_to_digits(published, PUBLISHED_DIGITS))
 
 
 class FlightConfig(GridConfig):
@@ -133,14 +127,13 @@ def run_case(config: FlightConfig, number: int, streams: Streams) -> dict[str, A
     found = diagnose(simulate_table(kind, load_present_baseline(), streams.generator("table")), load_present_baseline())
     likeliest = next(iter(found.sets))
     named = frozenset(found.causes)
+    unnamed = {frozenset[str](): "none", frozenset({UNKNOWN_NAME}): "unknown"}  # verdicts on truths without a listed effect
     return {
         "kind": kind,
         "verdict": found.verdict,
         "causes": ", ".join(found.causes),
         "p_value": found.gap["p_value"],
-        "right": found.verdict == {frozenset(): "none", frozenset({UNKNOWN_NAME}): "unknown"}[truth]
-        if truth <= {UNKNOWN_NAME}
-        else named == truth,
+        "right": found.verdict == unnamed[truth] if truth in unnamed else named == truth,
         "in_group": truth in found.group,
         "false_name": bool(named - truth),
         "likeliest": " + ".join(sorted(likeliest)) or "nothing",
@@ -160,8 +153,8 @@ def list_trial_baselines() -> tuple[Baseline, ...]:
     right = load_present_baseline()
 
     def wrong(name: str, effect: str, *flips: int) -> Baseline:
-        sections = tuple(reverse_slews(s) if k in flips else s for k, s in enumerate(right.scenario.interval))
-        return Baseline(name, right.scenario.model_copy(update={"interval": sections}), done=frozenset({effect}))
+        scenario = right.scenario.model_copy(update={"interval": reverse_intervals(right.scenario.interval, flips)})
+        return Baseline(name, scenario, done=frozenset({effect}))
 
     return (
         right,
@@ -208,21 +201,6 @@ WRONG_BASELINE_NOTE = (
 SIMULATED = "Tables as the paper would print them, simulated from the baseline, of a known cause or of none."
 
 
-def count_outcomes_by_kind(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per kind of simulated table: detected, rightly named, wrongly named."""
-
-    def line(part: pd.DataFrame) -> dict[str, object]:
-        return {
-            "tables": len(part),
-            "gap_found": int((part["verdict"] != "none").sum()),
-            "right": int(part["right"].sum()),
-            "in_group": int((part["in_group"] & ~part["right"]).sum()),
-            "false_name": int(part["false_name"].sum()),
-        }
-
-    return summarise_groups(rows, ["kind"], line)
-
-
 def _build_flight_checks() -> list[Check]:
     first, *wrong = list_trial_baselines()
     found, rms = diagnose_under_baseline(first), compute_misfit_rms(diagnose_under_baseline(first))
@@ -249,20 +227,21 @@ def _build_flight_checks() -> list[Check]:
 
 
 def _build_simulated_checks(rows: pd.DataFrame) -> list[Check]:
-    table = count_outcomes_by_kind(rows)
-    out = []
-    for nothing in table[table["kind"] == "nothing"].to_dict("records"):
-        alarms, count = nothing["gap_found"], nothing["tables"]
-        name = f"stated rate of false alarms, for {alarms} of {count} tables"
-        out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, count), "", SIMULATED))
-    effects = table[table["kind"] != "nothing"].drop(columns="kind").sum()
-    count = int(effects["tables"])
+    """How many simulated tables are detected, rightly named and wrongly named."""
+    is_nothing, is_gap = rows["kind"] == "nothing", rows["verdict"] != "none"
+    out: list[Check] = []
+    alarms, tables = int((is_gap & is_nothing).sum()), int(is_nothing.sum())
+    if tables:
+        name = f"stated rate of false alarms, for {alarms} of {tables} tables"
+        out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, tables), "", SIMULATED))
+    effects, gaps, count = rows[~is_nothing], int((is_gap & ~is_nothing).sum()), int((~is_nothing).sum())
     if count:
+        in_group = effects["in_group"] & ~effects["right"]
         out += [
-            Check(f"gaps found of {count} tables with an effect", int(effects["gap_found"]), bound_below(0.9 * count)),
-            Check("rightly named", int(effects["right"]), bound_below(0.9 * count)),
-            Check("more in a group", int(effects["in_group"])),
-            Check("with a wrong name", int(effects["false_name"]), bound_above((1 - NAMING_PROBABILITY) * count)),
+            Check(f"gaps found of {count} tables with an effect", gaps, bound_below(0.9 * count)),
+            Check("rightly named", int(effects["right"].sum()), bound_below(0.9 * count)),
+            Check("more in a group", int(in_group.sum())),
+            Check("with a wrong name", int(effects["false_name"].sum()), bound_above((1 - NAMING_PROBABILITY) * count)),
         ]
     return out
 

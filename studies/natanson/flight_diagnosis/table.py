@@ -15,14 +15,12 @@ A table is judged by two sets of numbers, which share no noise. With y and c, th
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from scipy.special import chdtrc, logsumexp
 
-from gyrocal import attitude, propagate
-from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.sampling import prepare_measurements
 from simulator import scenario as scenarios
 from simulator.arrays import Array
 from simulator.scenario import IntervalSection, Scenario
@@ -32,9 +30,7 @@ from studies.natanson import flight, flight_gap
 CELL_DEG = 1e-3
 CLOCK_S = 15.0  # Table 1's times are multiples of it
 MILLIDEGREE = np.deg2rad(1e-3)
-INITIAL_DIGITS = np.array(
-    [0, MILLIDEGREE, MILLIDEGREE, MILLIDEGREE, 0, MILLIDEGREE, MILLIDEGREE, MILLIDEGREE, 0, *np.deg2rad([1e-6, 1e-6, 1e-6])]
-)
+INITIAL_DIGITS = np.append(MILLIDEGREE * (1 - np.eye(3)).ravel(), np.deg2rad([1e-6, 1e-6, 1e-6]))
 PUBLISHED_DIGITS = np.array([1e-6, 1e-6, 1e-9, 1e-9, 1e-5, 1e-7, 1e-9, 1e-7, 1e-5, *np.deg2rad([1e-10, 1e-10, 1e-11])])
 
 
@@ -107,12 +103,7 @@ def simulate_residuals(sections: Sequence[IntervalSection]) -> tuple[Array, Arra
         for i, section in enumerate(sections)
     )
     scenario = load_coarse_trmm().model_copy(update={"interval": moved})
-    initial, recording = flight.read_published_parameters("prelaunch"), flight_gap.simulate_without_noise(scenario)
-    prepared = prepare_measurements(recording)
-    passed = propagate(prepared.arcs, initial.G, initial.bias)
-    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    theta = accumulation.compute_attitude_residuals(passed.R, A[prepared.start], A[prepared.row])
-    return np.rad2deg(theta), np.rad2deg(passed.Theta)
+    return flight_gap.compute_residuals(flight_gap.simulate_without_noise(scenario))
 
 
 @lru_cache(maxsize=1024)
@@ -124,27 +115,23 @@ def simulate_residuals_cached(sections: tuple[IntervalSection, ...]) -> tuple[Ar
     return theta, Theta
 
 
-def simulate_interval_residuals(section: IntervalSection) -> tuple[Array, Array]:
-    """`simulate_residuals` of one interval, kept: (3,) and (3, 12)."""
-    theta, Theta = simulate_residuals_cached((section,))
-    return theta[0], Theta[0]
-
-
 def simulate_each_interval(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
     """`simulate_residuals` of intervals each of which is kept by itself."""
-    theta, Theta = zip(*map(simulate_interval_residuals, sections), strict=True)
-    return np.array(theta), np.array(Theta)
+    theta, Theta = zip(*(simulate_residuals_cached((section,)) for section in sections), strict=True)
+    return np.concatenate(theta), np.concatenate(Theta)
 
 
-def reverse_slews(section: IntervalSection) -> IntervalSection:
-    """The interval with its slews the other way round: yaws reversed; −y forward becomes +y forward, of the other rate."""
-    return section.model_copy(update={"slew": tuple(s.model_copy(update={"angle_deg": -s.angle_deg}) for s in section.slew)})
+def reverse_intervals(sections: Sequence[IntervalSection], flips: Collection[int]) -> tuple[IntervalSection, ...]:
+    """Intervals of which some have their slews the other way round: yaws reversed; +y forward in place of −y."""
+    out = list(sections)
+    for k in flips:
+        slews = tuple(one.model_copy(update={"angle_deg": -one.angle_deg}) for one in sections[k].slew)
+        out[k] = sections[k].model_copy(update={"slew": slews})
+    return tuple(out)
 
 
 NOISE_FACTORS = np.geomspace(0.1, 10.0, 81)
-RESIDUAL_PLACES = [
-    (k, name) for k in range(6) for name in flight.ROTATIONS
-]  # interval, counted from 0, and axis of each number
+RESIDUAL_PLACES = list(product(range(6), flight.ROTATIONS))  # interval, counted from 0, and axis of each number
 
 
 # ---- motion --------------------------------------------------------------------------------------------------------------
@@ -169,7 +156,7 @@ class MotionNumbers:
 
 def compute_motion_numbers(table: ResidualTable, baseline: Baseline, flips: Collection[int] = ()) -> MotionNumbers:
     """The motion numbers under a baseline with the slews of some intervals reversed."""
-    sections = tuple(reverse_slews(s) if k in flips else s for k, s in enumerate(baseline.scenario.interval))
+    sections = reverse_intervals(baseline.scenario.interval, flips)
     theta, Theta = simulate_each_interval(sections)
     shift = table.published - flight.read_published_calibration().vector
     prediction = theta - Theta @ shift
@@ -182,9 +169,9 @@ def differentiate_by_clock(section: IntervalSection, step_s: float = 4.0) -> Arr
     """What a second of the interval's start and of its stop does to its residuals while the motion stays, (3, 2) deg/s."""
     later = section.model_copy(update={"stop_s": section.stop_s + step_s})
     slews = tuple(slew.model_copy(update={"start_s": slew.start_s + step_s}) for slew in section.slew)
-    hold = section.hold and section.hold.model_copy(
-        update={"start_s": section.hold.start_s + step_s, "stop_s": section.hold.stop_s + step_s}
-    )
+    hold = section.hold
+    if hold:
+        hold = hold.model_copy(update={"start_s": hold.start_s + step_s, "stop_s": hold.stop_s + step_s})
     earlier = later.model_copy(update={"slew": slews, "hold": hold})
     theta, _ = simulate_residuals([section, earlier, later])
     return np.asarray((theta[1:] - theta[0]).T / step_s)
@@ -257,13 +244,8 @@ def compute_misfit_p(table: ResidualTable, baseline: Baseline) -> dict[str, floa
     noise_chi2 = float(np.sum(z**2 / (1 + z_print)))
     upper = float(chdtrc(42, noise_chi2))
     p = adjust_by_holm(np.array([chdtrc(18, motion_chi2), 2 * min(upper, 1 - upper)]))
-    return {
-        "motion_chi2": motion_chi2,
-        "motion_p": float(p[0]),
-        "noise_chi2": noise_chi2,
-        "noise_p": float(p[1]),
-        "p_value": float(p.min()),
-    }
+    chi2 = {"motion_chi2": motion_chi2, "noise_chi2": noise_chi2}
+    return chi2 | {"motion_p": float(p[0]), "noise_p": float(p[1]), "p_value": float(p.min())}
 
 
 def locate_misfit(table: ResidualTable, baseline: Baseline) -> pd.DataFrame:

@@ -23,10 +23,8 @@ from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.compare import compare as comparison
 from studies.montecarlo import engine
 from studies.natanson import paper_tables, reproduce
-from studies.natanson.reproduce import REPRODUCTION_FOLDER
 from studies.reproduction import get_work_folder
 from studies.robertson.calendar import PERIODS
-from studies.robertson.reproduce import MISSION_FOLDER
 from studies.robertson.runs import DAYS
 from tests import ROOT
 
@@ -149,4 +147,3 @@ def test_what_the_options_list_is_what_there_is():
     )
     assert (mission.DAY, reproduce_command.DAYS) == (DAY, DAYS)
     assert (compare.BASELINE, compare.FEWEST_FLIGHTS) == (comparison.BASELINE, comparison.FEWEST_FLIGHTS)
-    assert reproduce_command.PAPER_FOLDERS == {"natanson": REPRODUCTION_FOLDER, "robertson": MISSION_FOLDER}

@@ -94,8 +94,6 @@ def test_the_present_baseline_is_not_blamed():
     rms = report.compute_misfit_rms(found)
     assert rms["floor"] == pytest.approx(flight_gap.compute_floor_rms())
     assert rms["floor"] < rms["after"] <= rms["before"] < 0.02
-    # What is unknown predicts nothing.
-    assert all(closed.before == closed.after for closed in found.closed.values())
 
 
 def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):

@@ -64,16 +64,18 @@ def test_coverage_is_what_the_sigmas_claim(rows, truth, covariance, consistent):
 
 def test_tables_hold_what_their_rows_say(rows):
     wanted = "psi == 'full' and phase == 'prelaunch' and interval == 3 and axis == 'pitch'"
-    table2 = paper_tables.build_table2(rows).query(wanted).iloc[0]
+    table2 = paper_tables.build_flight_table(rows, "table2").query(wanted).iloc[0]
     samples = paper_tables.select_variant(rows, 0.5)["before_3_pitch"]
     assert table2["mean"] == samples.mean()
     assert table2["flight"] == -0.433
     assert table2["flight_percentile"] == 100 * (samples < -0.433).mean()
-    table4 = paper_tables.build_table4(rows).query("psi == 'full' and phase == 'calibrated' and axis == 'yaw'")
+    table4 = paper_tables.build_flight_table(rows, "table4").query("psi == 'full' and phase == 'calibrated' and axis == 'yaw'")
     table4 = table4.set_index("statistic")
     assert table4.loc["rms", "mean"] == pytest.approx(np.sqrt(6) * table4.loc["paper_rms", "mean"])
     assert table4.loc["paper_rms", "flight"] == 0.0043
-    table5 = paper_tables.build_table5(rows).query("psi == 'full' and iteration == 1 and quantity == 'G_inverse'")
+    table5 = paper_tables.build_flight_table(rows, "table5").query(
+        "psi == 'full' and iteration == 1 and quantity == 'G_inverse'"
+    )
     before, after = flight.read_published_parameters("prelaunch").G, flight.read_published_calibration().G
     expected = np.linalg.inv(after) - np.linalg.inv(before)
     # The mean correction of G⁻¹ is the injected one; 5 standard errors.

@@ -26,21 +26,19 @@ def test_the_last_bits_do_not_move_and_a_digit_does(tmp_path):
     bits = {**SUMMARY, "a": {"b": 1.23456 * (1 + 1e-6), "c": [1, 3e-17]}}
     same = folder(tmp_path / "same", bits, {**TABLE, "value": [1.0 + 1e-9, 2e-3 + 1e-12]})
     assert committed_results.list_moved_numbers(same, then).empty
-    assert "agrees with" in committed_results.describe_moved_numbers(
-        same, then, committed_results.list_moved_numbers(same, then)
-    )
+    assert "agrees with" in committed_results.compare_results(same, then)[0]
     other = folder(tmp_path / "other", {**SUMMARY, "word": "y", "new": 1}, {**TABLE, "value": [1.0, 2.1e-3]})
-    found = committed_results.list_moved_numbers(other, then)
+    said, found = committed_results.compare_results(other, then)
     assert found["number"].tolist() == ["word", "new", "value, row 2"]
-    assert "DIFFERS" in committed_results.describe_moved_numbers(other, then, found)
-    assert "3 numbers moved" in committed_results.describe_moved_numbers(other, then, found)
+    assert "DIFFERS" in said
+    assert "3 numbers moved" in said
 
 
 def test_other_settings_are_named_and_not_compared(tmp_path):
     then = folder(tmp_path / "then", SUMMARY, TABLE)
     now = folder(tmp_path / "now", SUMMARY, TABLE, {"cases": 4})
-    assert "cases: 3 → 4" in committed_results.describe_moved_numbers(now, then)
-    assert "nothing committed" in committed_results.describe_moved_numbers(now, None)
+    assert "cases: 3 → 4" in committed_results.compare_results(now, then)[0]
+    assert "nothing committed" in committed_results.compare_results(now, None)[0]
     assert committed_results.read(tmp_path / "nowhere") is None
 
 

@@ -52,10 +52,11 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     other = orbit("precalibration", rms_knowledge_yaw_deg=9.0)
     updates = [("calibration1", "+x", -0.4), ("calibration1", "-x", 0.1), ("postcalibration", "+x", 5.0)]
     run = run_of([*rows, slew, other], updates)
-    assert performance.compute_attitude_accuracy(run, "calibration1", "yaw") == pytest.approx(0.03)
+    assert performance.compute_performance(run, "calibration1")["attitude_accuracy_deg", "yaw"] == pytest.approx(0.03)
     # Negative control: counted as normal pointing, the orbit with the maneuver would show.
-    assert performance.compute_attitude_accuracy(run_of([*rows, {**slew, "lost": 0.0}]), "calibration1", "yaw") > 1.0
-    assert performance.compute_mean_update(run, "calibration1") == pytest.approx(0.25)
+    wrong = performance.compute_performance(run_of([*rows, {**slew, "lost": 0.0}]), "calibration1")
+    assert wrong["attitude_accuracy_deg", "yaw"] > 1.0
+    assert performance.compute_performance(run, "calibration1")["yaw_update_deg", "yaw"] == pytest.approx(0.25)
     sizes = performance.compare_orientations([run]).set_index(["period", "forward"])["yaw_update_deg"]
     assert [sizes["calibration1", forward] for forward in ("+x", "-x")] == pytest.approx([0.4, 0.1])
     row = (

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from studies import reproduction
 from studies.cli.mission import TABLES
@@ -13,7 +14,7 @@ from studies.montecarlo import engine
 from studies.robertson import performance, reproduce
 from studies.robertson.calendar import YAW_MANEUVER_TIMES
 from studies.robertson.figures import MISSION_FIGURE_TITLES
-from studies.robertson.runs import KEPT_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, build_mission_flight, load_flights
+from studies.robertson.runs import KEPT_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, fly_mission, load_flights
 
 SHORT = MissionStudy(days=1.0, seeds=1, slews=2, windows=False)
 
@@ -82,7 +83,7 @@ def test_reproduction_of_robertson_writes_everything_and_repeats_itself(run_cli,
     before = json.loads((tmp_path / "summary.json").read_text())["yaw_update_deg"]["precalibration"]
     assert before["flight"] == 0.24
     assert before["simulated"] == pytest.approx(0.16, abs=0.03)  # its first days; 0.19 over the whole period
-    reproduce.run(tmp_path / "b", SHORT)
+    reproduce.run(tmp_path / "b", SHORT, 1, Console(quiet=True))
     again = json.loads((tmp_path / "b" / "manifest.json").read_text())
     assert again["files"] == manifest["files"]  # the same bytes
 
@@ -92,7 +93,7 @@ def test_stored_flights_are_those_flown_and_show_the_symptoms(short_flight):
     stored = load_flights(SHORT, short_flight / "table.parquet")
     slew = ("slew", next(iter(YAW_MANEUVER_TIMES)), "calibration1", "0")
     for name in (("spikes", "off"), ("months", "0"), slew):
-        direct = build_mission_flight(SHORT, name).fly()
+        direct = fly_mission(SHORT, name)
         for table in KEPT_TABLES[name[0]]:
             pd.testing.assert_frame_equal(
                 getattr(stored[name], table), getattr(direct, table), check_exact=True, check_like=True
