@@ -17,10 +17,10 @@ import numpy as np
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
 from simulator.arrays import Array
-from simulator.effects import REGISTRY, Setting, Surroundings, extract_references
+from simulator.effects import REGISTRY, Setting, Stream, Surroundings
 from simulator.effects.chain import prepare_effects, simulate_readings, simulate_references
 from simulator.effects.housekeeping_columns import simulate_gyro_temperature, simulate_table_acceleration
-from simulator.effects.recording_view import build_stream
+from simulator.effects.recording_view import extract_references, interpolate_housekeeping, read_period
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, build_profiles
 from simulator.sensors.gyro import add_white_noise, compute_raw_rates
@@ -233,7 +233,16 @@ def add_effects_and_noise(
 def build_surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
-    stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
+    stream = Stream(
+        t_s=t_s,
+        duration_s=motion.duration_s,
+        rates=motion.rates,
+        raw=plain.gyro.rates,
+        intervals=motion.intervals,
+        orbit_period_s=read_period(plain),
+        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
+        housekeeping=interpolate_housekeeping(plain, t_s),
+    )
     references, axes = extract_references(plain), plain.attitudes.build_error_axes()
     return Surroundings(stream, references, plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma, axes)
 

@@ -23,11 +23,8 @@ from simulator.sensors.suite import SensorSuite
 from simulator.truth.orbit import EARTH_RADIUS
 
 
-class EsaSunIntrusion(SensorEffect):
-    """See the module."""
-
+class _EsaSunIntrusion(SensorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Add the Sun's radiance without the prediction that excludes it."""
         field = DEG * float(setting.parameters["field_deg"])
         return replace(
             suite,
@@ -41,7 +38,6 @@ class EsaSunIntrusion(SensorEffect):
         )
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Error of each quadrant by the filtered S."""
         sun, _ = sightings.nothing
         inside = _find_sun_inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
@@ -76,7 +72,7 @@ def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
 
 
 FIELDS, CONSTANTS = (3.5, 5.0, 7.0), (20.0, 60.0, 180.0)
-EFFECT = EsaSunIntrusion(
+EFFECT = _EsaSunIntrusion(
     name="esa_sun_intrusion",
     summary="the Sun in a quadrant of the Earth sensor is not excluded",
     says="the Sun in its view pulls the Earth sensor off by up to {size}",
