@@ -19,12 +19,9 @@ MISALIGNED_SENSOR = 2
 
 class _DssMisalignment(VectorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        sensors = list(suite.sun_sensors)
+        first, second = suite.sun_sensors
         turn = Rotation.from_rotvec(DEG * self.amplitudes(setting)).as_matrix()
-        sensors[MISALIGNED_SENSOR - 1] = replace(
-            sensors[MISALIGNED_SENSOR - 1], alignment=sensors[MISALIGNED_SENSOR - 1].alignment @ turn
-        )
-        return replace(suite, sun_sensors=tuple(sensors))
+        return replace(suite, sun_sensors=(first, replace(second, alignment=second.alignment @ turn)))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         sun, earth = sightings.nothing

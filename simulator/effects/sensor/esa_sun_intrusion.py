@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.common import recursion
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
@@ -44,18 +44,9 @@ class _EsaSunIntrusion(SensorEffect):
         first = np.diff(sightings.arc, prepend=-1) != 0
         gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
         taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
-        return sun, -DEG * amplitudes[0] * _solve_recurrence(1 - taken, taken * inside)
-
-
-@compile_cached
-def _solve_recurrence(kept: Array, added: Array) -> Array:
-    """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
-    out = np.empty_like(kept)
-    state = np.zeros(kept.shape[1])
-    for k in range(len(kept)):
-        state = kept[k] * state + added[k]
-        out[k] = state
-    return out
+        kept, added = np.ascontiguousarray((1 - taken).T), np.ascontiguousarray((taken * inside).T)
+        taken_up = np.stack([recursion(*quadrant) for quadrant in zip(kept, added, strict=True)], axis=1)
+        return sun, -DEG * amplitudes[0] * taken_up
 
 
 def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
