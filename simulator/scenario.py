@@ -221,8 +221,10 @@ class IntervalSection(Section):
     def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
         """The interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
-        asked = self.hold
-        hold = asked and Hold(asked.start_s, asked.stop_s, asked.transition_s, np.deg2rad(asked.offset_deg))
+        hold = None
+        if self.hold:
+            offset = np.deg2rad(self.hold.offset_deg)
+            hold = Hold(self.hold.start_s, self.hold.stop_s, self.hold.transition_s, offset)
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
@@ -333,8 +335,9 @@ def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
 def build_profiles(scenario: Scenario) -> tuple[Profile, ...]:
     """The motion of each interval, in radians."""
     orbit = scenario.orbit.build_circular_orbit()
-    control = scenario.control_motion
-    sway = control and Sway(np.deg2rad(control.amplitude_deg), np.array(control.period_s), np.deg2rad(control.phase_deg))
+    sway, control = None, scenario.control_motion
+    if control:
+        sway = Sway(np.deg2rad(control.amplitude_deg), np.array(control.period_s), np.deg2rad(control.phase_deg))
     return tuple(interval.build_profile(orbit, sway) for interval in scenario.interval)
 
 

@@ -74,5 +74,6 @@ class Periodic(Sinusoid):
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Some periods, evenly spaced in their logarithm."""
         band = compute_period_band(around)
-        periods = () if band is None else np.geomspace(*band, PLANNED_PERIODS)
-        return tuple(Trial({"period_s": float(p)}, 1 / PLANNED_PERIODS) for p in periods)
+        if band is None:
+            return ()
+        return tuple(Trial({"period_s": float(p)}, 1 / PLANNED_PERIODS) for p in np.geomspace(*band, PLANNED_PERIODS))

@@ -79,9 +79,10 @@ def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Arra
 
     Missing values, and fillers in their place, are left out.
     """
-    table, out = recording.tables.get("housekeeping"), {}
+    out: dict[str, Array] = {}
+    table = recording.tables.get("housekeeping")
     if table is None:
-        return {}
+        return out
     tags = table["t_s"].to_numpy(dtype=float)
     order = np.argsort(tags, kind="stable")
     for name in table.columns:

@@ -207,8 +207,8 @@ def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
     if config.filter_off_first:
         first = replace(first, s_filter="off")
     beta, nominal = first.coefficients_beta, sun_sensor.build_trmm_alignments(*config.boresights)
-    computed = (fit_crossing_compensation(*own) for own in zip(config.sun_sensors, misalignments, nominal, beta, strict=True))
-    factors = R6 if config.printed_coefficients else computed
+    sensors = zip(config.sun_sensors, misalignments, nominal, beta, strict=True)
+    factors = list(R6) if config.printed_coefficients else [fit_crossing_compensation(*own) for own in sensors]
     changed = np.stack([apply_compensation(b, *cd) for b, cd in zip(beta, factors, strict=True)])
     second = replace(first, G=R9_G, bias=R9_BIAS, coefficients_beta=changed)
     return first, second if config.filter_off_first else replace(second, bias=None, s_filter="off")

@@ -49,7 +49,7 @@ class _BiasPeriodic(Periodic):
 
 
 def _count_days(stream: Stream, parameters: Parameters) -> Array:
-    return (stream.t_s - stream.span_s[0]) / DAY
+    return np.asarray((stream.t_s - stream.span_s[0]) / DAY)
 
 
 EFFECTS = [

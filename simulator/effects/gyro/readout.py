@@ -41,11 +41,11 @@ def _truncate(x: Array, step: float) -> Array:
 
 
 def _ignore_small(x: Array, zone: float) -> Array:
-    return np.where(np.abs(x) < zone, 0.0, x)
+    return np.asarray(np.where(np.abs(x) < zone, 0.0, x))
 
 
 def _clip(x: Array, limit: float) -> Array:
-    return np.clip(x, -limit, limit)
+    return np.asarray(np.clip(x, -limit, limit))
 
 
 EFFECTS = [
