@@ -27,10 +27,10 @@ from simulator.effects.housekeeping_columns import TEMPERATURE, compute_temperat
 
 @dataclass(frozen=True)
 class _ScaleShape(Effect):
-    shape: Callable[[Array], Array] = field(kw_only=True)  # of the rate (n,), rad/s
+    shape: Callable[[Array], Array] = field(kw_only=True)  # change per unit of the size at a rate (n,), rad/s
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
-        return put_on_axis(PPM * self.shape(stream.rates[:, index(axis)]), axis)
+        return put_on_axis(self.shape(stream.rates[:, index(axis)]), axis)
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,12 @@ class _MatrixElement(Effect):
         return put_on_axis(PPM * omega * self.course(stream, parameters), axis)
 
 
-def _multiply_by_size(omega: Array) -> Array:
-    return np.asarray(omega * np.abs(np.rad2deg(omega)))
+def _take_absolute(omega: Array) -> Array:
+    return np.asarray(PPM * np.abs(omega))
+
+
+def _multiply_by_absolute(omega: Array) -> Array:
+    return np.asarray(PPM * omega * np.abs(np.rad2deg(omega)))
 
 
 EFFECTS = [
@@ -56,7 +60,7 @@ EFFECTS = [
         prior=(1.0, 5e4),
         bounds=(-1e6, 1e6),
         meaning="The scale factor differs between the two senses of rotation; positive: both rates read too high.",
-        shape=np.abs,
+        shape=_take_absolute,
     ),
     _ScaleShape(
         name="scale_quadratic",
@@ -68,7 +72,7 @@ EFFECTS = [
         prior=(0.1, 3e5),
         bounds=(-1e8, 1e8),
         meaning="The scale factor grows with the rate; positive: fast turns read too fast, in both senses.",
-        shape=_multiply_by_size,
+        shape=_multiply_by_absolute,
     ),
     _MatrixElement(
         name="g_matrix_step",
