@@ -61,7 +61,8 @@ class _GyroStop(Effect):
         begin = stream.t_s - 0.5 * stream.duration_s
         inside = (begin >= number(setting.parameters, "begin_s")) & (begin < number(setting.parameters, "end_s"))
         out = samples.copy()
-        out[np.ix_(inside, select_axes(setting.axis))] = setting.size * DEG
+        for column in select_axes(setting.axis):
+            out[inside, column] = setting.size * DEG
         return out
 
 
