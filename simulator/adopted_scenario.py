@@ -68,8 +68,6 @@ class PosteriorSection(Section):
 
 
 class _Additions(Section):
-    """What may stand in a file beside a scenario's own keys."""
-
     replay: ReplaySection | None = None
     effect: Annotated[tuple[EffectSection, ...], Field(strict=False)] = ()
     posterior: PosteriorSection | None = None
@@ -131,9 +129,7 @@ class AdoptedScenario:
     def motion(self) -> Motion:
         """The noise-free motion: the costly part, and the same for every flight."""
         plan = self.plan
-        if isinstance(plan, Scenario):
-            return motion(plan)
-        return reconstruct_motion(plan.recording, plan.G, plan.bias)
+        return motion(plan) if isinstance(plan, Scenario) else reconstruct_motion(plan.recording, plan.G, plan.bias)
 
     @cached_property
     def _plain(self) -> tuple[Recording, Surroundings]:
@@ -147,9 +143,8 @@ class AdoptedScenario:
     ) -> Recording:
         """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
         if effects is None:
-            effects = (
-                self.replace_amplitudes(self.draw_amplitudes(generator(seed, case, "posterior"))) if draw else self.effects
-            )
+            drawn = self.draw_amplitudes(generator(seed, case, "posterior")) if draw else None
+            effects = self.effects if drawn is None else self.replace_amplitudes(drawn)
         plan = self.plan
         gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
         if isinstance(plan, ReplayPlan):
@@ -168,8 +163,7 @@ def load(name_or_path: str | os.PathLike[str]) -> AdoptedScenario:
     """
     name = os.fspath(name_or_path)
     # A replay needs no scenario keys; and a base is merged first, so that an effect can be put into a built-in scenario.
-    path = Path(name)
-    values = dict(scenarios.load_document(name))
+    values = scenarios.load_document(name)
     added = {key: values.pop(key) for key in scenarios.ADOPTED_TABLES if key in values}
     try:
         extra = _Additions.model_validate(added)
@@ -183,7 +177,7 @@ def load(name_or_path: str | os.PathLike[str]) -> AdoptedScenario:
         title = str(values.pop("title", extra.replay.recording))
         if values:
             raise InputError(f"{name}: {', '.join(values)}: a replay takes its plan from the recording; leave it out")
-        plan = _load_replay(extra.replay, path, name)
+        plan = _load_replay(extra.replay, Path(name).parent, name)
     effects = tuple(_build_setting(one, name) for one in extra.effect)
     made = AdoptedScenario(title, plan, effects)
     return replace(made, covariance=_read_covariance(extra.posterior, made.amplitudes.size, name))
@@ -193,15 +187,9 @@ def format_adopted(
     title: str, recording: str, digest: str, G: Array, bias: Array, effects: Sequence[Setting], covariance: Array
 ) -> str:
     """The TOML of an adopted scenario; arguments as of the tables in the module's text, bias in rad/s."""
-    lines = [
-        f"title = {format_toml(title)}",
-        "",
-        "[replay]",
-        f"recording = {format_toml(recording)}",
-        f"sha256 = {format_toml(digest)}",
-        f"true_G = {format_toml(np.asarray(G).tolist())}",
-        f"true_bias_deg_s = {format_toml(np.rad2deg(bias).tolist())}",
-    ]
+    lines = [f"title = {format_toml(title)}", "", "[replay]"]
+    plan = {"recording": recording, "sha256": digest, "true_G": G.tolist(), "true_bias_deg_s": np.rad2deg(bias).tolist()}
+    lines += [f"{key} = {format_toml(value)}" for key, value in plan.items()]
     for one in effects:
         lines += ["", "[[effect]]", f"name = {format_toml(one.effect)}"]
         if one.axis is not None:
@@ -229,9 +217,8 @@ def hash_recording(recording: Recording) -> str:
     return hashed.hexdigest()
 
 
-def _load_replay(section: ReplaySection, path: Path, name: str) -> ReplayPlan:
-    folder = Path(section.recording)
-    recording = load_recording(folder if folder.is_absolute() else path.parent / folder)
+def _load_replay(section: ReplaySection, folder: Path, name: str) -> ReplayPlan:
+    recording = load_recording(folder / section.recording)
     if section.sha256 not in (None, hash_recording(recording)):
         raise InputError(
             f"{name}: replay.recording {section.recording} is not what it was when its effects were found; adopt it again"
@@ -266,6 +253,3 @@ def _read_covariance(section: PosteriorSection | None, size: int, name: str) -> 
     if size and (np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(scaled)[0] < NEGATIVE):
         raise InputError(f"{name}: posterior.covariance must be symmetric with no negative eigenvalue")
     return values
-
-
-__all__ = ["AdoptedScenario", "ReplayPlan", "format_adopted", "hash_recording", "load"]

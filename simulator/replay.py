@@ -16,7 +16,8 @@ taken as constant in rate; holes between samples are bridged by the mean of thei
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -86,35 +87,21 @@ def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
             references = _References(recording.attitudes.t_s[rows], quaternions[rows], sigma[rows])
             samples = _Samples(recording.gyro.t_s[part], duration[part], recording.gyro.arw)
             rates[part], quaternions[rows] = _fit_to_references(samples, rates[part], references)
-            sigma[rows[-1]] = (
-                SETTLED_ATTITUDE_TOLERANCE  # where the next interval starts at the same reference, the attitude is that
-            )
-    return Motion(
-        t_s=recording.gyro.t_s,
-        duration_s=duration,
-        rates=rates,
-        intervals=slices,
-        reference_t_s=recording.attitudes.t_s,
-        quaternions=quaternions,
-    )
+            # Where the next interval starts at the same reference, the attitude is that.
+            sigma[rows[-1]] = SETTLED_ATTITUDE_TOLERANCE
+    return Motion(recording.gyro.t_s, duration, rates, slices, recording.attitudes.t_s, quaternions)
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Starts and durations of an interval's samples, (n,) s, and the angle random walk, rad/√s."""
-
-    begin: Array
-    duration: Array
-    arw: float
+class _Samples(NamedTuple):
+    begin: Array  # (n,) s
+    duration: Array  # (n,) s
+    arw: float  # rad/√s
 
 
-@dataclass(frozen=True)
-class _References:
-    """Times (m,), observed attitudes (m, 4) and standard deviations (m,) rad of an interval's references."""
-
-    t_s: Array
-    quaternions: Array
-    sigma: Array
+class _References(NamedTuple):
+    t_s: Array  # (m,)
+    quaternions: Array  # (m, 4), observed
+    sigma: Array  # (m,) rad
 
 
 def _fit_to_references(samples: _Samples, rates: Array, references: _References) -> tuple[Array, Array]:
@@ -124,7 +111,8 @@ def _fit_to_references(samples: _Samples, rates: Array, references: _References)
     for _ in range(PASSES):
         path, grid = _integrate_path(samples, rates, t_ref[0], start, t_ref)
         here = path[np.searchsorted(grid, t_ref)]
-        off = _convert_to_inertial(here, separation(here, references.quaternions))
+        # In inertial axes, Aᵀ e.
+        off = np.einsum("nji,nj->ni", convert_to_matrix(here), separation(here, references.quaternions))
         x = _smooth_errors(off, references.sigma, np.diff(t_ref), samples.arw)
         start = apply_rotation_errors(start[None], (convert_to_matrix(start) @ x[0])[None])[0]
         slope = np.diff(x, axis=0) / np.diff(t_ref)[:, None]
@@ -150,11 +138,6 @@ def _integrate_path(samples: _Samples, rates: Array, first_s: float, first: Arra
     if ahead > 0:  # samples that start before the first reference: back from it
         first = accumulate(first, -angles[:ahead][::-1])[-1]
     return accumulate(np.ascontiguousarray(first), angles), grid
-
-
-def _convert_to_inertial(quaternions: Array, errors: Array) -> Array:
-    """Body-axis errors in inertial axes, Aᵀ e."""
-    return np.asarray(np.einsum("nji,nj->ni", convert_to_matrix(quaternions), errors))
 
 
 def _smooth_errors(off: Array, sigma: Array, dt: Array, arw: float) -> Array:

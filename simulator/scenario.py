@@ -20,15 +20,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import format_validation_error, read_toml
@@ -48,6 +40,7 @@ def _check_positive(value: Vector) -> Vector:
 
 PositiveVector = Annotated[Vector, AfterValidator(_check_positive)]
 
+SCENARIOS = resources.files("simulator") / "scenarios"
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
@@ -136,10 +129,6 @@ class ControlMotionSection(Section):
     period_s: PositiveVector
     phase_deg: Vector = (0.0, 0.0, 0.0)
 
-    def sway(self) -> Sway:
-        """The motion in radians."""
-        return Sway(np.deg2rad(self.amplitude_deg), np.array(self.period_s), np.deg2rad(self.phase_deg))
-
 
 class SlewSection(Section):
     """A turn about a body axis."""
@@ -178,10 +167,6 @@ class HoldSection(Section):
             raise ValueError("two transitions do not fit between start_s and stop_s")
         return value
 
-    def build_hold(self) -> Hold:
-        """The hold in radians."""
-        return Hold(self.start_s, self.stop_s, self.transition_s, np.deg2rad(self.offset_deg))
-
 
 class IntervalSection(Section):
     """One calibration interval; ``mode`` is the body axis along the velocity at its start."""
@@ -206,11 +191,8 @@ class IntervalSection(Section):
     def _validate_slews(cls, value: tuple[SlewSection, ...], info: ValidationInfo) -> tuple[SlewSection, ...]:
         length = info.data.get("stop_s", np.inf) - info.data.get("start_s", 0.0)
         spans = [(slew.start_s, slew.start_s + slew.duration_s) for slew in value]
-        faults = [
-            f"slew {k} ends at {stop:g} s, after the interval's {length:g} s"
-            for k, (_, stop) in enumerate(spans)
-            if stop > length
-        ]
+        ends = [(k, stop) for k, (_, stop) in enumerate(spans) if stop > length]
+        faults = [f"slew {k} ends at {stop:g} s, after the interval's {length:g} s" for k, stop in ends]
         faults += [
             f"slew {k + 1} starts at {second[0]:g} s, before slew {k} ends at {first[1]:g} s"
             for k, (first, second) in enumerate(pairwise(spans))
@@ -239,7 +221,10 @@ class IntervalSection(Section):
     def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
         """The interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
-        hold = self.hold.build_hold() if self.hold else None
+        hold = None
+        if self.hold:
+            offset = np.deg2rad(self.hold.offset_deg)
+            hold = Hold(self.hold.start_s, self.hold.stop_s, self.hold.transition_s, offset)
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
@@ -264,16 +249,11 @@ class Scenario(Section):
 
     @field_validator("interval")
     @classmethod
-    def _validate_size(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
+    def _validate_intervals(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
         if "gyro" in info.data:
             samples = sum(section.stop_s - section.start_s for section in value) / info.data["gyro"].sample_s
             if samples > MOST_SAMPLES:
                 raise ValueError(f"{samples:.3g} gyro samples are more than the {MOST_SAMPLES:.0e} that fit in memory")
-        return value
-
-    @field_validator("interval")
-    @classmethod
-    def _validate_intervals(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
         names = [interval.name for interval in value]
         repeated = sorted({name for name in names if names.count(name) > 1})
         faults = [f"name {name} is used more than once" for name in repeated]
@@ -304,15 +284,14 @@ def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit:
 
 def names() -> tuple[str, ...]:
     """Names of the built-in scenarios."""
-    folder = resources.files("simulator") / "scenarios"
-    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(sorted(entry.name[:-5] for entry in SCENARIOS.iterdir() if entry.name.endswith(".toml")))
 
 
 def read_text(name: str) -> str:
     """TOML of a built-in scenario, as it is on file."""
     if name not in names():
         raise InputError(f"{name}: no built-in scenario; {suggest_names(name, names())}")
-    return resources.files("simulator").joinpath("scenarios", f"{name}.toml").read_text(encoding="utf-8")
+    return (SCENARIOS / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Scenario:
@@ -356,7 +335,9 @@ def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
 def build_profiles(scenario: Scenario) -> tuple[Profile, ...]:
     """The motion of each interval, in radians."""
     orbit = scenario.orbit.build_circular_orbit()
-    sway = scenario.control_motion.sway() if scenario.control_motion else None
+    sway, control = None, scenario.control_motion
+    if control:
+        sway = Sway(np.deg2rad(control.amplitude_deg), np.array(control.period_s), np.deg2rad(control.phase_deg))
     return tuple(interval.build_profile(orbit, sway) for interval in scenario.interval)
 
 
@@ -377,7 +358,7 @@ def _merge_bases(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, 
     if len(inside) > MOST_BASES:
         raise InputError(f"{inside[0]}: more than {MOST_BASES} scenarios are one another's base; write what they say into one")
     if name in names():
-        with resources.as_file(resources.files("simulator") / "scenarios" / f"{name}.toml") as builtin:
+        with resources.as_file(SCENARIOS / f"{name}.toml") as builtin:
             document = read_toml(builtin)
     elif path.is_file():
         document = read_toml(path)
@@ -390,15 +371,16 @@ def _merge_bases(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, 
         return document
     if not isinstance(base, str):
         raise InputError(f"{name}: base must be the name or path of a scenario")
-    merged: dict[str, Any] = _merge_tables(_merge_bases(base, path.parent, (*inside, identity)), document)
-    return merged
+    return _merge_tables(_merge_bases(base, path.parent, (*inside, identity)), document)
 
 
-def _merge_tables(base: Any, changes: Any) -> Any:
+def _merge_tables(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """Tables merged, all else replaced."""
-    if isinstance(base, dict) and isinstance(changes, dict):
-        return {**base, **{key: _merge_tables(base.get(key), value) for key, value in changes.items()}}
-    return changes
+    out = {**base, **changes}
+    for key in base.keys() & changes.keys():
+        if isinstance(base[key], dict) and isinstance(changes[key], dict):
+            out[key] = _merge_tables(base[key], changes[key])
+    return out
 
 
 def _convert_to_lists(value: Any) -> Any:

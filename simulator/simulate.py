@@ -17,10 +17,10 @@ import numpy as np
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
 from simulator.arrays import Array
-from simulator.effects import REGISTRY, Setting, Surroundings, extract_references
+from simulator.effects import REGISTRY, Setting, Stream, Surroundings
 from simulator.effects.chain import prepare_effects, simulate_readings, simulate_references
 from simulator.effects.housekeeping_columns import simulate_gyro_temperature, simulate_table_acceleration
-from simulator.effects.recording_view import build_stream
+from simulator.effects.recording_view import extract_references, interpolate_housekeeping, read_period
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, build_profiles
 from simulator.sensors.gyro import add_white_noise, compute_raw_rates
@@ -59,9 +59,7 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
 def list_reference_times(profile: Profile, every: float | None) -> Array:
     """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
 
-    Parameters
-    ----------
-    every : spacing of a series, s, counted from the interval's start; None for the two ends only
+    A series is spaced by ``every``, s, from the interval's start; None for the two ends only.
     """
     length = profile.stop_s - profile.start_s
     if every is None:
@@ -73,25 +71,15 @@ def list_reference_times(profile: Profile, every: float | None) -> Array:
     return np.concatenate([[0.0], inner, [length]])
 
 
-def add_reference_errors(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
-    """Reference attitudes (m, 4) with their random errors, of standard deviations (3,) about each body axis, rad."""
-    return apply_rotation_errors(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)
-
-
 def _build_slices(counts: Sequence[int]) -> tuple[slice, ...]:
     return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *counts])))
-
-
-def sample_edges(length: float, sample_s: float) -> Array:
-    """Local starts of an interval's samples and the end of the last, s; (n + 1,)."""
-    count = int(np.ceil(length / sample_s - TIME_TOLERANCE))
-    return np.append(sample_s * np.arange(count), length)
 
 
 def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
     """Motion of one interval."""
     length, section = profile.stop_s - profile.start_s, scenario.reference
-    edges = sample_edges(length, scenario.gyro.sample_s)
+    sample_s = scenario.gyro.sample_s
+    edges = np.append(sample_s * np.arange(int(np.ceil(length / sample_s - TIME_TOLERANCE))), length)
     reference_tau = list_reference_times(profile, section.every_s if section.at == "series" else None)
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
@@ -134,8 +122,7 @@ def realise(
     Parameters
     ----------
     rates : (n, 3) as made by `compute_noise_free_rates`, rad/s
-    out : (n, 3) array the noisy rates are written to; a new one by default
-    others : as for `observe`
+    out : (n, 3) array the noisy rates are written to; a new one by default; others as for `observe`
 
     Returns
     -------
@@ -145,7 +132,8 @@ def realise(
         rates = add_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
     quaternions = motion.quaternions
     if reference_rng is not None:
-        quaternions = add_reference_errors(reference_rng, quaternions, np.deg2rad(scenario.reference.sigma_deg))
+        errors = reference_rng.standard_normal((len(quaternions), 3)) * np.deg2rad(scenario.reference.sigma_deg)
+        quaternions = apply_rotation_errors(quaternions, errors)
     return rates, quaternions
 
 
@@ -215,11 +203,9 @@ def add_effects_and_noise(
 
     Parameters
     ----------
-    plain : noise-free rates and true attitudes, with the stated noise, the housekeeping and all else
-    motion : what it is a recording of
+    plain : noise-free rates and true attitudes of the motion, with the stated noise, the housekeeping and all else
     point : whether a sample shows the rate at its start
-    around : `build_surroundings` of these, if they are at hand; the same for every case
-    others : as for `observe`
+    around : `build_surroundings` of these, if they are at hand; the same for every case; others as for `observe`
     """
     active = prepare_effects(effects, seed, case)
     around = build_surroundings(plain, motion, point) if around is None else around
@@ -233,7 +219,16 @@ def add_effects_and_noise(
 def build_surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
-    stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
+    stream = Stream(
+        t_s=t_s,
+        duration_s=motion.duration_s,
+        rates=motion.rates,
+        raw=plain.gyro.rates,
+        intervals=motion.intervals,
+        orbit_period_s=read_period(plain),
+        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
+        housekeeping=interpolate_housekeeping(plain, t_s),
+    )
     references, axes = extract_references(plain), plain.attitudes.build_error_axes()
     return Surroundings(stream, references, plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma, axes)
 
@@ -257,15 +252,18 @@ def add_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recordin
 
 def _add_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
     """Add a gyro temperature or accelerations if an effect needs them."""
+
+    def find_lacking(recording: Recording) -> set[str]:
+        around = build_surroundings(recording, motion)
+        return {one.effect for one in effects if REGISTRY[one.effect].missing(around) is not None}
+
     recording = plain
     for add in (add_gyro_temperature, add_acceleration):
-        around = build_surroundings(recording, motion)
-        lacking = [effect for effect in (REGISTRY[one.effect] for one in effects) if effect.missing(around) is not None]
+        lacking = find_lacking(recording)
         if not lacking:
             break
         more = add(recording, seed, case)
-        around = build_surroundings(more, motion)
-        recording = more if any(effect.missing(around) is None for effect in lacking) else recording
+        recording = more if lacking - find_lacking(more) else recording
     return recording
 
 

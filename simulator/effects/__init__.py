@@ -22,49 +22,25 @@ from simulator.effects.base import (
     Trial,
 )
 from simulator.effects.flight_mode import find_flight_directions
-from simulator.effects.recording_view import extract_references, extract_stream, extract_surroundings
-from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry
+from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry, collect_effects
 from simulator.effects.settings import parse, setting, tabulate_setting
 
-# The built-in effects: one line each adds it to the registry, in the order in which they are listed.
+# The modules of the built-in effects, in the order in which these are listed.
 FILES = """
-gyro.bias_drift
-gyro.bias_step
-gyro.bias_orbital
-gyro.bias_periodic
-gyro.bias_temperature
+gyro.bias
 gyro.acceleration_sensitivity
-gyro.bias_random_walk
-gyro.bias_markov
-gyro.noise_flicker
-gyro.noise_excess
-gyro.noise_angle_white
-gyro.scale_asymmetry
-gyro.scale_quadratic
-gyro.g_matrix_step
-gyro.g_matrix_temperature
-gyro.time_offset
-gyro.clock_drift
-gyro.clock_slip
-gyro.clock_wander
+gyro.bias_noise
+gyro.white_noise
+gyro.scale_factor
+gyro.clock
 gyro.rate_lag
-gyro.rate_quantization
-gyro.rate_deadzone
-gyro.rate_saturation
-gyro.rate_truncation
-gyro.vibration
-gyro.spikes
-gyro.stale_samples
-gyro.gyro_stop
+gyro.readout
+gyro.sample_faults
 reference.reference_jump
-reference.reference_freeze
-reference.reference_glitch
+reference.reference_telemetry
 reference.reference_mode_offset
-reference.reference_orbital
-reference.reference_horizon
 reference.reference_periodic
-reference.reference_correlated
-reference.reference_noise_excess
+reference.reference_noise
 sensor.dss_head
 sensor.dss_misalignment
 sensor.esa_bias
@@ -72,8 +48,8 @@ sensor.esa_s_filter
 sensor.esa_sun_intrusion
 sensor.esa_nadir
 """
-BUILT_IN = tuple(import_module(f"simulator.effects.{file}") for file in FILES.split())
-REGISTRY.register_all(module.EFFECT for module in BUILT_IN)
+BUILT_IN = [one for file in FILES.split() for one in collect_effects(import_module(f"simulator.effects.{file}"))]
+REGISTRY.register_all(BUILT_IN)
 
 __all__ = [
     "ALL_EFFECTS",
@@ -92,9 +68,6 @@ __all__ = [
     "Stream",
     "Surroundings",
     "Trial",
-    "extract_references",
-    "extract_stream",
-    "extract_surroundings",
     "find_flight_directions",
     "parse",
     "setting",

@@ -16,13 +16,16 @@ attitude to exp([e×]) A. Units are those of `Effect.unit`; arrays are in radian
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.arrays import Array as Array
 from simulator.arrays import Flags
+
+if TYPE_CHECKING:
+    from simulator.sensors.suite import SensorSuite
 
 Value = float | str
 Parameters = Mapping[str, Value]
@@ -31,30 +34,29 @@ AXIS_NAMES = ("x", "y", "z")
 
 
 class Stage(NamedTuple):
-    """A stage of the measuring chain: its name, what happens there, and the method of an effect that it calls."""
+    """A stage of the measuring chain."""
 
     name: str
-    meaning: str
-    calls: str
+    calls: str  # the method of an effect
 
 
 STAGES = (
-    Stage("rate", "A deterministic error is added to the noise-free rate: columns times amplitudes.", "columns"),
-    Stage("random_rate", "A random error is added to the noise-free rate, such as a bias that wanders.", "wander"),
-    Stage("filter", "The gyro's output follows its input late, as behind a low-pass filter.", "retimed"),
-    Stage("clock", "The tags of the samples do not tell the time of the references' clock.", "retimed"),
-    Stage("threshold", "The gyro does not react to some rates; its white noise comes after that.", "apply"),
-    Stage("white_noise", "White noise as stated is added, times the factors of this stage's effects.", "noise_factor"),
-    Stage("pickup", "The gyro picks up what is no rate of the body, such as a vibration.", "apply"),
-    Stage("outliers", "Single samples are falsified.", "apply"),
-    Stage("range", "Rates beyond what the gyro can show are cut off.", "apply"),
-    Stage("resolution", "Samples are rounded or cut to a step.", "apply"),
-    Stage("telemetry", "Samples are lost, delayed or repeated on their way.", "apply"),
-    Stage("reference", "A deterministic error is added to the references: columns times amplitudes.", "reference_columns"),
-    Stage("random_reference", "A random error that is not white is added to the references.", "reference_wander"),
-    Stage("reference_noise", "White reference noise as stated is added, times the factors of this stage.", "noise_factor"),
-    Stage("reference_telemetry", "References are repeated or falsified on their way.", "replace_references"),
-    Stage("sensor", "The sun and Earth sensors differ from their nominal models.", "fitted"),
+    Stage("rate", "columns"),  # a deterministic error is added to the noise-free rate: columns times amplitudes
+    Stage("random_rate", "wander"),  # a random error is added to the noise-free rate, such as a bias that wanders
+    Stage("filter", "retimed"),  # the gyro's output follows its input late, as behind a low-pass filter
+    Stage("clock", "retimed"),  # the tags of the samples do not tell the time of the references' clock
+    Stage("threshold", "apply"),  # the gyro does not react to some rates; its white noise comes after that
+    Stage("white_noise", "noise_factor"),  # white noise as stated is added, times the factors of this stage's effects
+    Stage("pickup", "apply"),  # the gyro picks up what is no rate of the body, such as a vibration
+    Stage("outliers", "apply"),  # single samples are falsified
+    Stage("range", "apply"),  # rates beyond what the gyro can show are cut off
+    Stage("resolution", "apply"),  # samples are rounded or cut to a step
+    Stage("telemetry", "apply"),  # samples are lost, delayed or repeated on their way
+    Stage("reference", "reference_columns"),  # a deterministic error is added to the references: columns times amplitudes
+    Stage("random_reference", "reference_wander"),  # a random error that is not white is added to the references
+    Stage("reference_noise", "noise_factor"),  # white reference noise as stated is added, times the factors of this stage
+    Stage("reference_telemetry", "replace_references"),  # references are repeated or falsified on their way
+    Stage("sensor", "fitted"),  # the sun and Earth sensors differ from their nominal models
 )
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
 ON_REFERENCES = ("reference", "random_reference", "reference_noise", "reference_telemetry")
@@ -159,8 +161,6 @@ class Detection:
 
 # ---- what an effect is -------------------------------------------------------------------------------------------------------
 
-Method = TypeVar("Method", bound=Callable[..., object])
-
 
 @dataclass(frozen=True)
 class Setting:
@@ -198,61 +198,34 @@ class Trial:
     weight: float = 1.0
 
 
-def mark_absent(method: Method) -> Method:
-    """Mark a method as not implemented; `Effect.implements` is false until a subclass gives its own."""
-    setattr(method, "absent", True)  # noqa: B010 - a function has no such attribute for the type checker
-    return method
-
-
 @dataclass(frozen=True)
 class Effect:
-    """One effect; subclasses give the method that their stage calls, and what a diagnosis needs.
-
-    Attributes
-    ----------
-    name, summary, unit : for people; the unit is that of the size
-    stage : where in the measuring chain it acts, one of `STAGES`
-    prior : plausible range of the absolute size, log-uniform
-    bounds : of a size that can be simulated, inclusive
-    axes : ("x", "y", "z"), or () if it has none
-    axis_optional : no axis means all of them
-    parameters : beside the size
-    meaning : a sentence for the report of a diagnosis; the summary by default
-    says : what is so when it is at work, as the first words of a sentence, see `sentence`
-    ways : what {way} in it stands for at a positive and at a negative size
-    sign : "positive" if a negative size means nothing, or another effect
-    weight : prior probability beside that of the other effects, which have 1
-    switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
-    scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
-    symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
-    requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
-    """
+    """One effect; subclasses give the method that their stage calls, and what a diagnosis needs."""
 
     name: str
     summary: str
-    unit: str
-    stage: str
-    prior: tuple[float, float]
-    bounds: tuple[float, float] = (-1e9, 1e9)
-    axes: tuple[str, ...] = AXIS_NAMES
-    axis_optional: bool = False
-    parameters: tuple[Parameter, ...] = ()
-    meaning: str = ""
-    says: str = ""
-    ways: tuple[str, ...] = ()
-    sign: Literal["any", "positive"] = "any"
-    weight: float = 1.0
-    switched: bool = False
-    scanned: bool = False
-    symptom: str | None = None
-    requirement: Callable[[Surroundings], str | None] | None = None
+    unit: str  # of the size, for people
+    stage: str  # where in the measuring chain it acts, one of `STAGES`
+    prior: tuple[float, float]  # plausible range of the absolute size, log-uniform
+    bounds: tuple[float, float] = (-1e9, 1e9)  # of a size that can be simulated, inclusive
+    axes: tuple[str, ...] = AXIS_NAMES  # or () if it has none
+    axis_optional: bool = False  # whether no axis means all of them
+    parameters: tuple[Parameter, ...] = ()  # beside the size
+    meaning: str = ""  # a sentence for the report of a diagnosis; the summary by default
+    says: str = ""  # what is so when it is at work, as the first words of a sentence, see `sentence`
+    ways: tuple[str, ...] = ()  # what {way} in it stands for at a positive and at a negative size
+    sign: Literal["any", "positive"] = "any"  # "positive" if a negative size means nothing, or another effect
+    weight: float = 1.0  # prior probability beside that of the other effects, which have 1
+    switched: bool = False  # whether its column is switched on at the parameter time_s, whose values a diagnosis chooses
+    scanned: bool = False  # whether its columns are a sine's of the parameter period_s, which a diagnosis scans the data for
+    symptom: str | None = None  # one of `SYMPTOMS`, the statistic of the samples that shows it
+    requirement: Callable[[Surroundings], str | None] | None = None  # why it cannot act on a recording; None if it can
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 
     def implements(self, method: str) -> bool:
         """Whether its class gives a method that the base class leaves open."""
-        own = getattr(type(self), method, None)
-        return own is not None and not getattr(own, "absent", False)
+        return getattr(type(self), method, None) not in (None, getattr(Effect, method, None))
 
     @property
     def has_columns(self) -> bool:
@@ -297,12 +270,10 @@ class Effect:
 
     # ---- what it does, by stage ------------------------------------------------------------------------------------------
 
-    @mark_absent
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """Return the change of the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
-    @mark_absent
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
@@ -315,41 +286,38 @@ class Effect:
         """Size, and the parameters that the amplitudes hold."""
         return float(amplitudes[0]), {}
 
-    @mark_absent
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """Random error of the raw rates, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} is no random process on the rates")
 
-    @mark_absent
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} does not act on timing")
 
-    @mark_absent
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Raw samples (n, 3), rad/s, as they are put out."""
         raise NotImplementedError(f"{self.name} does not act on samples")
 
-    @mark_absent
     def noise_factor(self, setting: Setting) -> Array:
         """Return the factor of each axis's white noise, (3,)."""
         raise NotImplementedError(f"{self.name} is no factor on white noise")
 
-    @mark_absent
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """Random error e of the references, (m, 3) rad."""
         raise NotImplementedError(f"{self.name} is no random process on the references")
 
-    @mark_absent
     def replace_references(
         self, rng: np.random.Generator, quaternions: Array, references: References, setting: Setting
     ) -> Array:
         """Recorded reference attitudes (m, 4) with some of them repeated or falsified; `references` are the true ones."""
         raise NotImplementedError(f"{self.name} does not falsify references")
 
+    def fitted(self, suite: "SensorSuite", setting: Setting) -> "SensorSuite":
+        """The sun and Earth sensors with the effect."""
+        raise NotImplementedError(f"{self.name} does not act on the sensors")
+
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
-    @mark_absent
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
         raise NotImplementedError(f"{self.name} is no random process")
@@ -367,7 +335,6 @@ class Effect:
         """Reason why the effect cannot act on, or be seen in, a recording; None if it can."""
         return self.requirement(around) if self.requirement else None
 
-    @mark_absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """Test the samples by the effect's own test; for effects that no `symptom` shows."""
         return ()

@@ -61,15 +61,7 @@ def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng:
 def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
     """Raw readings behind one effect."""
     if method == "columns":
-        _check_step_time(one, around)
-        try:
-            columns = one.effect.columns(around.stream, one.setting.axis, one.setting.parameters)
-        except KeyError as error:  # an effect that takes a housekeeping column by its name
-            reason = one.effect.missing(around)
-            if reason is None:
-                raise
-            raise InputError(f"{one.setting.label()}: does nothing here; {reason}") from error
-        return raw + _evaluate_columns(one, around, columns)
+        return raw + _evaluate_columns(one, around)
     if method == "wander":
         return raw + one.effect.wander(one.rng, around.stream, one.setting)
     if method == "retimed":
@@ -82,10 +74,8 @@ def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: s
 def _draw_white_noise(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
     if rng is None:
         return np.zeros(3)
-    factor = np.ones(3)
-    for one in _select_stage(active, "white_noise"):
-        factor *= one.effect.noise_factor(one.setting)
-    return add_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s) * factor
+    noise = add_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s)
+    return noise * _multiply_noise_factors(active, "white_noise")
 
 
 def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
@@ -93,14 +83,13 @@ def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rn
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
-        error = rng.standard_normal(error.shape) * around.reference_sigma * _compute_reference_factor(active)
+        factor = _multiply_noise_factors(active, "reference_noise")
+        error = rng.standard_normal(error.shape) * around.reference_sigma * factor
         if around.reference_axes is not None:
             error = np.einsum("mij,mj->mi", around.reference_axes, error)
     for one in active:
         if one.effect.stage == "reference":
-            _check_step_time(one, around)
-            columns = one.effect.reference_columns(references, one.setting.axis, one.setting.parameters)
-            error = error + _evaluate_columns(one, around, columns)
+            error = error + _evaluate_columns(one, around)
         elif one.effect.stage == "random_reference":
             error = error + one.effect.reference_wander(one.rng, references, one.setting)
     shown = apply_rotation_errors(references.quaternions, error) if error.any() else references.quaternions
@@ -118,20 +107,32 @@ def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffe
     return here
 
 
-def _compute_reference_factor(active: Sequence[ActiveEffect]) -> Array:
-    """Compute the factor of the references' white errors, (3,)."""
+def _multiply_noise_factors(active: Sequence[ActiveEffect], stage: str) -> Array:
+    """Factor of each axis' white noise by all effects at a stage, (3,)."""
     factor = np.ones(3)
-    for one in _select_stage(active, "reference_noise"):
-        factor = factor * one.effect.noise_factor(one.setting)
+    for one in _select_stage(active, stage):
+        factor *= one.effect.noise_factor(one.setting)
     return factor
 
 
-def _evaluate_columns(one: ActiveEffect, around: Surroundings, columns: Array) -> Array:
+def _evaluate_columns(one: ActiveEffect, around: Surroundings) -> Array:
     """Columns times amplitudes; an effect that could not act here is an error rather than silently nothing."""
+    effect, setting = one.effect, one.setting
+    _check_step_time(one, around)
+    try:
+        if effect.on_references:
+            columns = effect.reference_columns(around.references, setting.axis, setting.parameters)
+        else:
+            columns = effect.columns(around.stream, setting.axis, setting.parameters)
+    except KeyError as error:  # an effect that takes a housekeeping column by its name
+        reason = effect.missing(around)
+        if reason is None:
+            raise
+        raise InputError(f"{setting.label()}: does nothing here; {reason}") from error
     if not np.isfinite(columns).all() or not columns.any():
-        reason = one.effect.missing(around) or "what it follows is zero throughout"
-        raise InputError(f"{one.setting.label()}: does nothing here; {reason}")
-    return np.asarray(columns @ one.effect.amplitudes(one.setting))
+        reason = effect.missing(around) or "what it follows is zero throughout"
+        raise InputError(f"{setting.label()}: does nothing here; {reason}")
+    return np.asarray(columns @ effect.amplitudes(setting))
 
 
 def _check_step_time(one: ActiveEffect, around: Surroundings) -> None:

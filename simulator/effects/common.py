@@ -1,7 +1,9 @@
 """Small pieces that several effects share."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +12,10 @@ from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.effects.base import (
     AXIS_NAMES,
+    Effect,
     Parameter,
     Parameters,
+    ProcessTimes,
     Setting,
     Stream,
     Surroundings,
@@ -58,9 +62,10 @@ def put_on_axis(values: Array, axis: str | None) -> Array:
     return out
 
 
-def compute_share_after(stream: Stream, time_s: float) -> Array:
-    """Share of each sample that is after a time, (n,): the mean of H(t − time_s) over the sample."""
-    return np.asarray(np.clip((stream.t_s + 0.5 * stream.duration_s - time_s) / stream.duration_s, 0.0, 1.0))
+def compute_share_after(stream: Stream, parameters: Parameters) -> Array:
+    """Share of each sample that is after time_s, (n,): the mean of H(t − time_s) over the sample."""
+    after = stream.t_s + 0.5 * stream.duration_s - number(parameters, "time_s")
+    return np.asarray(np.clip(after / stream.duration_s, 0.0, 1.0))
 
 
 def harmonic(t_s: Array, period_s: float) -> Array:
@@ -80,13 +85,12 @@ def convert_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]
     return float(np.hypot(*amplitudes)), {"phase_deg": float(np.rad2deg(np.arctan2(amplitudes[1], amplitudes[0])))}
 
 
-def list_runs(stream: Stream) -> list[slice]:
-    """Stretches of samples that follow one another without a hole, none longer than an interval."""
-    end = stream.t_s + 0.5 * stream.duration_s
-    begin = stream.t_s - 0.5 * stream.duration_s
+def list_runs(t_s: Array, duration_s: Array, intervals: Sequence[slice]) -> list[slice]:
+    """Stretches of samples that follow one another without a hole, none longer than an interval; arguments as of a `Stream`."""
+    begin, end = t_s - 0.5 * duration_s, t_s + 0.5 * duration_s
     out = []
-    for part in stream.intervals:
-        holes = np.flatnonzero(begin[part][1:] - end[part][:-1] > PAUSE_SAMPLES * stream.duration_s[part][:-1]) + 1
+    for part in intervals:
+        holes = np.flatnonzero(begin[part][1:] - end[part][:-1] > PAUSE_SAMPLES * duration_s[part][:-1]) + 1
         edges = [part.start, *(part.start + holes), part.stop]
         out += [slice(int(a), int(b)) for a, b in pairwise(edges) if b > a]
     return out
@@ -121,22 +125,6 @@ def measure_reference_arc(around: Surroundings) -> tuple[float, float]:
     return float(np.median(np.diff(references.t_s)[inside])), longest
 
 
-def list_time_constants(low: float, high: float, ratio: float, most: int = 100) -> tuple[Trial, ...]:
-    """Trials of ``time_constant_s`` from low to high, s, a ratio apart or more and even in their logarithm."""
-    if not high > low:
-        return ()
-    count = int(np.ceil(np.log(high / low) / np.log(ratio))) + 1
-    constants = np.geomspace(low, high, int(np.clip(count, 2, most)))
-    return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
-
-
-def build_factor(axis: str | None, size: float) -> Array:
-    """A factor on the noise of one axis, or of all, (3,)."""
-    factor = np.ones(3)
-    factor[select_axes(axis)] = size
-    return factor
-
-
 def no_gyro_noise(around: Surroundings) -> str | None:
     """Reason why an effect that is detected against the stated noise cannot act; None if it can."""
     return None if around.arw > 0 else "the recording states no gyro noise"
@@ -145,14 +133,6 @@ def no_gyro_noise(around: Surroundings) -> str | None:
 def no_orbit(around: Surroundings) -> str | None:
     """Reason why an effect at orbit rate cannot act; None if it can."""
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
-
-
-def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
-    """Samples (n, 3) with one axis, or all, at whole multiples of a step."""
-    out = samples.copy()
-    axes = select_axes(axis)
-    out[:, axes] = rounded(samples[:, axes] / step) * step
-    return out
 
 
 @compile_cached
@@ -164,3 +144,85 @@ def recursion(decay: Array, drive: Array) -> Array:
         value = decay[k] * value + drive[k]
         out[k] = value
     return out
+
+
+@dataclass(frozen=True)
+class NoiseFactor(Effect):
+    """White noise of an axis, or of all, times the size; the same draws are scaled, so that all else stays as it was."""
+
+    def noise_factor(self, setting: Setting) -> Array:
+        """Size on its axes, 1 elsewhere."""
+        factor = np.ones(3)
+        factor[select_axes(setting.axis)] = setting.size
+        return factor
+
+
+class TriedConstants(NamedTuple):
+    """Time constants that a diagnosis tries, even in their logarithm."""
+
+    spacings: float  # of the references, the shortest
+    intervals: float  # of the longest interval with references, the longest
+    ratio: float  # of one to the next, or more where there would be too many of them
+    most: int = 100
+    least_arc: float = 0.0  # spacings of the references that the longest interval must be longer than
+
+
+@dataclass(frozen=True)
+class GaussMarkov(Effect):
+    """A first-order Gauss–Markov process on one axis."""
+
+    parameters: tuple[Parameter, ...] = (Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),)
+    scale: float = field(kw_only=True)  # of the size, in rad/s or rad
+    tried: TriedConstants = field(kw_only=True)
+
+    def draw(self, rng: np.random.Generator, t_s: Array, setting: Setting) -> Array:
+        """Draw the process at some times (n,), in true time over gaps too; (n, 3)."""
+        process = gauss_markov(rng, t_s, number(setting.parameters, "time_constant_s"))
+        return put_on_axis(setting.size * self.scale * process, setting.axis)[:, :, 0]
+
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
+        """exp(−|Δt|/τ)."""
+        return np.asarray(self.scale**2 * markov(at.t_s, number(parameters, "time_constant_s")))
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Time constants from what the spacing of the references can show to what an interval can."""
+        spacing, arc = measure_reference_arc(around)
+        low, high = self.tried.spacings * spacing, self.tried.intervals * arc
+        if not (high > low and arc > self.tried.least_arc * spacing):
+            return ()
+        count = int(np.ceil(np.log(high / low) / np.log(self.tried.ratio))) + 1
+        constants = np.geomspace(low, high, int(np.clip(count, 2, self.tried.most)))
+        return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs references that follow one another."""
+        return None if self.trials(around) else "it needs a series of references"
+
+
+@dataclass(frozen=True)
+class DirectedEffect(Effect):
+    """An effect of several angles: its size is their norm, its parameters say the direction and may have any length."""
+
+    @property
+    def directions(self) -> tuple[Parameter, ...]:
+        """The parameters that are angles; all but words."""
+        return tuple(one for one in self.parameters if not one.choices)
+
+    def amplitudes(self, setting: Setting) -> Array:
+        """The angles, in the effect's unit."""
+        direction = np.array([float(setting.parameters[one.name]) for one in self.directions])
+        length = np.linalg.norm(direction)
+        return np.asarray(setting.size * direction / length) if length > 0 else np.zeros(direction.size)
+
+    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
+        """The norm, and the angles."""
+        named = {one.name: float(value) for one, value in zip(self.directions, amplitudes, strict=True)}
+        return float(np.linalg.norm(amplitudes)), dict(named)
+
+    def completed(self, setting: Setting) -> Setting:
+        """Complete a setting: replace the direction by the angles."""
+        size, angles = self.from_amplitudes(self.amplitudes(setting))
+        if size == 0:
+            raise InputError(f"{setting.label()}: {', '.join(angles)} are all zero, and it would do nothing; one must not be")
+        others = {name: value for name, value in setting.parameters.items() if name not in angles}
+        return replace(setting, size=size, parameters={**others, **angles})

@@ -10,13 +10,12 @@ shows is what the bias follows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Parameter, Parameters, Surroundings
+from simulator.effects.base import Array, Parameter, Parameters, Stream, Surroundings
 from simulator.effects.common import DAY
 from simulator.truth.rotation import convert_to_matrix
 
@@ -29,6 +28,7 @@ HOUSEKEEPING_SPACING_S = 10.0
 STANDARD_GRAVITY = 9.80665  # m/s²
 ACCELERATION = "acceleration_{}_m_s2"  # the end of a column's name, by body axis
 ACCELERATION_NOISE = 0.01  # m/s²
+TEMPERATURE = Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",))
 MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.0)), 0.05, 0.02
 
 
@@ -56,27 +56,18 @@ def _list_times(start: float, stop: float) -> Array:
     return np.append(np.arange(start, stop, HOUSEKEEPING_SPACING_S), stop)
 
 
-def make_temperature_parameter(whose: str) -> Parameter:
-    """Make the parameter that names the column of a temperature."""
-    return Parameter("column", "", "", f"housekeeping column; {whose} temperature if empty", choices=("*",))
-
-
-def find_temperature(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
-    """The temperature that an effect follows: that of the named column, or a temperature, its sensor's before others."""
-    wanted = str(parameters.get("column", ""))
+def compute_temperature_change(effect: str, stream: Stream, parameters: Parameters) -> Array:
+    """Compute T − mean T (n,) of the named housekeeping column, or of a temperature, the gyro's before others."""
+    wanted, housekeeping = str(parameters.get("column", "")), stream.housekeeping
     fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]
     if not fitting:
         there = ", ".join(housekeeping) or "no housekeeping"
         raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
-    return housekeeping[min(fitting, key=lambda name: whose not in name)]
+    temperature = housekeeping[min(fitting, key=lambda name: "gyro" not in name)]
+    return np.asarray(temperature - temperature.mean())
 
 
-def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
+def no_temperature(around: Surroundings) -> str | None:
     """Reason why an effect that follows a temperature cannot act; None if it can."""
-    there = any(name.endswith(SUFFIX) for name in housekeeping)
+    there = any(name.endswith(SUFFIX) for name in around.stream.housekeeping)
     return None if there else f"the recording has no housekeeping column …{SUFFIX}"
-
-
-def no_gyro_temperature(around: Surroundings) -> str | None:
-    """Reason why an effect of the gyro that follows a temperature cannot act; None if it can."""
-    return no_temperature(around.stream.housekeeping)

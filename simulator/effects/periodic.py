@@ -5,13 +5,21 @@ spacing of the references can show and the whole time from the first of them to 
 through all intervals, so that two periods are told apart by how they differ over the whole time, gaps included.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, Setting, Surroundings, Trial, Value
-from simulator.effects.common import PHASE, convert_phase_amplitudes, measure_reference_arc, phase_amplitudes
+from simulator.effects.base import Array, Effect, Parameter, Parameters, Setting, Surroundings, Trial, Value
+from simulator.effects.common import (
+    PHASE,
+    convert_phase_amplitudes,
+    harmonic,
+    measure_reference_arc,
+    no_orbit,
+    number,
+    phase_amplitudes,
+)
 
 SHORTEST_PERIOD_SPACINGS = 2.5  # spacings of the references; a swing is sampled twice in a period at least
 PLANNED_PERIODS = 16  # periods of a plan, for which nothing can be scanned
@@ -25,14 +33,17 @@ def compute_period_band(around: Surroundings) -> tuple[float, float] | None:
     return SHORTEST_PERIOD_SPACINGS * spacing, float(np.ptp(around.references.t_s))
 
 
-PERIOD_PARAMETER = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12)
-
-
 @dataclass(frozen=True)
 class Sinusoid(Effect):
-    """An effect whose columns are a sine and a cosine."""
+    """An effect whose columns are a sine and a cosine, of ``order`` periods an orbit."""
 
     parameters: tuple[Parameter, ...] = (PHASE,)
+    requirement: Callable[[Surroundings], str | None] | None = no_orbit
+    order: int = 1
+
+    def build_waves(self, t_s: Array, orbit_period_s: float, parameters: Parameters) -> Array:
+        """Sine and cosine at some times (n,), s since the epoch; (n, 2)."""
+        return harmonic(t_s, orbit_period_s / self.order)
 
     def amplitudes(self, setting: Setting) -> Array:
         """(size cos φ, size sin φ)."""
@@ -43,22 +54,26 @@ class Sinusoid(Effect):
         return convert_phase_amplitudes(amplitudes)
 
 
+def no_reference_series(around: Surroundings) -> str | None:
+    """Reason why a sinusoid of any period cannot be seen; None if it can."""
+    return None if compute_period_band(around) else "it needs a series of references"
+
+
 @dataclass(frozen=True)
 class Periodic(Sinusoid):
     """A sinusoid of any period."""
 
-    parameters: tuple[Parameter, ...] = (PERIOD_PARAMETER, PHASE)
+    parameters: tuple[Parameter, ...] = (Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12), PHASE)
+    requirement: Callable[[Surroundings], str | None] | None = no_reference_series
     scanned: bool = True
+
+    def build_waves(self, t_s: Array, orbit_period_s: float, parameters: Parameters) -> Array:
+        """Sine and cosine at some times (n,), s since the epoch; (n, 2)."""
+        return harmonic(t_s, number(parameters, "period_s"))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Some periods, evenly spaced in their logarithm."""
         band = compute_period_band(around)
-        return (
-            ()
-            if band is None
-            else tuple(Trial({"period_s": float(p)}, 1 / PLANNED_PERIODS) for p in np.geomspace(*band, PLANNED_PERIODS))
-        )
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs references that follow one another."""
-        return None if compute_period_band(around) else "it needs a series of references"
+        if band is None:
+            return ()
+        return tuple(Trial({"period_s": float(p)}, 1 / PLANNED_PERIODS) for p in np.geomspace(*band, PLANNED_PERIODS))

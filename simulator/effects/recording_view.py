@@ -4,7 +4,6 @@ Sample tags, durations and intervals are those of the recording; a sample belong
 noise-free rates are not known, the smoothed adjusted ones G ω_raw + b stand in for them.
 """
 
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -12,10 +11,9 @@ from numpy.typing import NDArray
 
 from gyrocal.recording import Recording, find_reference_rows
 from gyrocal.smoothing import estimate_sample_sigma, smooth_run
-from simulator.effects.base import Array, References, Stream, Surroundings
+from simulator.effects.base import Array, References
 from simulator.effects.common import list_runs
 from simulator.effects.flight_mode import find_flight_directions
-from simulator.sensors.gyro import compute_raw_rates
 
 SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
 TIME_TOLERANCE = 1e-6  # s
@@ -46,51 +44,25 @@ def compute_durations(recording: Recording) -> Array:
 
 def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
     """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
-    gyro = recording.gyro
+    gyro, duration = recording.gyro, compute_durations(recording)
     adjusted = gyro.rates @ G.T + bias
-    empty = np.empty((len(gyro.t_s), 3))
-    duration = compute_durations(recording)
-    stream = build_stream(recording, gyro.t_s + 0.5 * duration, duration, adjusted, empty, find_interval_slices(recording))
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     out = adjusted.copy()
-    for part in list_runs(stream):
+    for part in list_runs(gyro.t_s + 0.5 * duration, duration, find_interval_slices(recording)):
         out[part] = smooth_run(adjusted[part], gyro.sample_s, smooth_s, estimate_sample_sigma(adjusted[part], sigma))
     return out
-
-
-def extract_stream(recording: Recording, G: Array, bias: Array) -> Stream:
-    """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
-    rates = smooth_rates(recording, G, bias)
-    duration = compute_durations(recording)
-    t_s, raw = recording.gyro.t_s + 0.5 * duration, compute_raw_rates(rates, G, bias)
-    return build_stream(recording, t_s, duration, rates, raw, find_interval_slices(recording))
 
 
 def extract_references(recording: Recording) -> References:
     """The reference attitudes of a recording as an effect on them sees them, row by row."""
     attitudes, interval = recording.attitudes, _find_intervals(recording)
     forward, heading = find_flight_directions(recording)
-    return References(
-        t_s=attitudes.t_s,
-        quaternions=attitudes.quaternions,
-        interval=interval,
-        forward=forward,
-        orbit_period_s=_read_period(recording),
-        heading=heading,
-    )
+    return References(attitudes.t_s, attitudes.quaternions, interval, forward, read_period(recording), heading)
 
 
-def extract_surroundings(recording: Recording, G: Array, bias: Array) -> Surroundings:
-    """All that a recording offers to effects; parameters as for `extract_stream`."""
-    stream = extract_stream(recording, G, bias)
-    return Surroundings(
-        stream=stream,
-        references=extract_references(recording),
-        arw=recording.gyro.arw,
-        sample_s=recording.gyro.sample_s,
-        reference_sigma=recording.attitudes.sigma,
-        reference_axes=recording.attitudes.build_error_axes(),
-    )
+def read_period(recording: Recording) -> float:
+    """The orbit's period, s; NaN if it is not stated."""
+    return float("nan") if recording.orbit is None else recording.orbit.period_s
 
 
 def _find_intervals(recording: Recording) -> NDArray[np.intp]:
@@ -102,39 +74,15 @@ def _find_intervals(recording: Recording) -> NDArray[np.intp]:
     return out
 
 
-def _read_period(recording: Recording) -> float:
-    return float("nan") if recording.orbit is None else recording.orbit.period_s
-
-
-def build_stream(
-    recording: Recording, t_s: Array, duration: Array, rates: Array, raw: Array, intervals: tuple[slice, ...]
-) -> Stream:
-    """Build the stream of samples of a recording; the arrays are those of a `Stream`."""
-    return Stream(
-        t_s=t_s,
-        duration_s=duration,
-        rates=rates,
-        raw=raw,
-        intervals=intervals,
-        orbit_period_s=_read_period(recording),
-        span_s=(min(i.start_s for i in recording.intervals), max(i.stop_s for i in recording.intervals)),
-        housekeeping=interpolate_housekeeping(recording, t_s),
-    )
-
-
 def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Array]:
     """Numeric housekeeping columns at some times, linear between their rows in order of time; (n,) each.
 
     Missing values, and fillers in their place, are left out.
     """
-    return {name: np.interp(t_s, tags, values) for name, tags, values in list_housekeeping_columns(recording)}
-
-
-def list_housekeeping_columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
-    """Name, tags (m,) in order of time and values (m,) of each numeric housekeeping column that has a value."""
+    out: dict[str, Array] = {}
     table = recording.tables.get("housekeeping")
     if table is None:
-        return
+        return out
     tags = table["t_s"].to_numpy(dtype=float)
     order = np.argsort(tags, kind="stable")
     for name in table.columns:
@@ -142,4 +90,5 @@ def list_housekeeping_columns(recording: Recording) -> Iterator[tuple[str, Array
             values = table[name].to_numpy(dtype=float)[order]
             good = np.abs(values) < FILLER
             if good.any():
-                yield str(name), tags[order][good], values[good]
+                out[str(name)] = np.interp(t_s, tags[order][good], values[good])
+    return out

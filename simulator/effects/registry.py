@@ -56,9 +56,9 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
         if effect.symptom is not None and effect.symptom not in SYMPTOMS:
             raise InputError(f"{name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
-        rival = effect.symptom and self.find_by_symptom(effect.symptom)
-        if rival:
-            raise InputError(f"{name}: the symptom {effect.symptom} is that of {rival.name} already")
+        rivals = [one.name for one in self.effects.values() if effect.symptom and one.symptom == effect.symptom]
+        if rivals:
+            raise InputError(f"{name}: the symptom {effect.symptom} is that of {rivals[0]} already")
         if not 0 < effect.prior[0] < effect.prior[1]:
             raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
         parameters = {parameter.name for parameter in effect.parameters}
@@ -72,10 +72,6 @@ class Registry(Mapping[str, Effect]):
         """Take an effect out again."""
         del self.effects[name]
 
-    def find_by_symptom(self, symptom: str) -> Effect | None:
-        """The effect that claims a symptom of the samples."""
-        return next((effect for effect in self.effects.values() if effect.symptom == symptom), None)
-
     def load_plugins(self) -> None:
         """Register the effects of installed plug-ins, once; one that is broken is left out with a warning that names it."""
         if self._plugins_loaded:
@@ -83,7 +79,7 @@ class Registry(Mapping[str, Effect]):
         self._plugins_loaded = True
         for point in entry_points(group=ENTRY_POINT_GROUP):
             try:
-                self.register_all(_collect_effects(point.load()))
+                self.register_all(collect_effects(point.load()))
             except Exception as fault:  # a plug-in may fail in any way, and its traceback would not say whose fault it is
                 warnings.warn(
                     f"effect plug-in {point.name} ({point.value}) is left out: {_format_exception(fault)}", stacklevel=2
@@ -97,7 +93,7 @@ class Registry(Mapping[str, Effect]):
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
-            return self.register_all(_collect_effects(module))
+            return self.register_all(collect_effects(module))
         except (Exception, SystemExit) as fault:  # anything may be in it
             raise InputError(f"{path}: {_format_exception(fault)}") from fault
 
@@ -110,10 +106,7 @@ class Registry(Mapping[str, Effect]):
 
 
 class View(Mapping[str, Kind]):
-    """The effects of one kind: on sun and Earth sensors, or all others.
-
-    It follows its registry.
-    """
+    """The effects of one kind, on sun and Earth sensors or all others; it follows its registry."""
 
     def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool):
         self._registry = registry
@@ -136,13 +129,13 @@ class View(Mapping[str, Kind]):
         return sum(1 for _ in self)
 
 
-def _collect_effects(found: object) -> list[Effect]:
+def collect_effects(found: object) -> list[Effect]:
     """The effects that an entry point or a module gives."""
     if isinstance(found, ModuleType):
         given = [getattr(found, name) for name in ("EFFECT", "EFFECTS") if hasattr(found, name)]
         if not given:
             raise InputError("defines neither EFFECT nor EFFECTS")
-        return [effect for one in given for effect in _collect_effects(one)]
+        return [effect for one in given for effect in collect_effects(one)]
     if isinstance(found, Effect):
         return [found]
     if isinstance(found, list | tuple) and all(isinstance(one, Effect) for one in found):

@@ -44,7 +44,7 @@ def extend_spline(spline: CubicSpline, t: Array) -> Array:
 def delay_rates(raw: Array, stream: Stream, delay_s: Array) -> Array:
     """Read each noise-free sample (n, 3), rad/s, at [t − delay, t − delay + Δ) in place of [t, t + Δ); the delays (n,) in s."""
     out = raw.copy()
-    for part in list_runs(stream):
+    for part in list_runs(stream.t_s, stream.duration_s, stream.intervals):
         duration, late = stream.duration_s[part], delay_s[part]
         spline, tags = build_angle_spline(raw[part], duration), compute_edges(duration)
         turned = extend_spline(spline, tags[1:] - late) - extend_spline(spline, tags[:-1] - late)
@@ -55,7 +55,7 @@ def delay_rates(raw: Array, stream: Stream, delay_s: Array) -> Array:
 def compute_delay_columns(stream: Stream) -> Array:
     """Change of the raw reading per second of a short delay, −dω_raw/dt, on all axes; (n, 3, 1) rad/s per s."""
     out = np.zeros((len(stream.t_s), 3, 1))
-    for part in list_runs(stream):
+    for part in list_runs(stream.t_s, stream.duration_s, stream.intervals):
         duration = stream.duration_s[part]
         slope = build_angle_spline(stream.raw[part], duration)(compute_edges(duration), 1)
         out[part, :, 0] = -np.diff(slope, axis=0) / duration[:, None]

@@ -55,7 +55,6 @@ class Spacecraft(NamedTuple):
     drag: float = 0.01  # mean force of the air, against the velocity, N
     drag_swing: float = 0.4  # its day-night part; the force is drag (1 + swing × cosine of the Sun's zenith angle)
     pressure_arm: Array = np.array([0.1, 0.05, 0.2])  # (3,) from the centre of mass to that of pressure, m
-    gravity_gradient: bool = True  # whether it acts
 
 
 @dataclass(frozen=True)
@@ -183,14 +182,8 @@ def fit_crossing_compensation(
 ) -> tuple[float, float]:
     """(c, d) of R (6) for the least error of β at the yaw update.
 
-    Least squares over the bracket of R (5) with the Sun in the body's XY plane, and α read as it is.
-
-    Parameters
-    ----------
-    sensor : as it is
-    on_board : (3, 3) M on board
-    nominal : (3, 3) N
-    coefficients : (9,) b on board, before
+    Least squares over the bracket of R (5) with the Sun in the body's XY plane, and α read as it is, of a sensor as it is, M
+    (3, 3) on board, N (3, 3), and b (9,) on board before.
     """
     side = np.sign(nominal[0, 2])
     angle = np.deg2rad(np.linspace(*CROSSING_ANGLES_DEG, 50))
@@ -203,38 +196,22 @@ def fit_crossing_compensation(
     return float(slope), float(offset)
 
 
-def build_alignment_upload(before: OnBoardTables) -> OnBoardTables:
-    """R's first upload, December 11: R (3) for DSS-2 and the penetration biases."""
-    misalignments = np.stack([np.eye(3), R3_M])
-    return replace(before, bias=None, misalignments=misalignments, penetration_biases=PENETRATION_BIASES)
-
-
-def build_filter_upload(before: OnBoardTables) -> OnBoardTables:
-    """S filter turned off, the remedy R describes."""
-    return replace(before, bias=None, s_filter="off")
-
-
-def build_coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
-    """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6).
-
-    (c, d) are computed by `fit_crossing_compensation` for the sensors of a config; without one they are the published pairs.
-    """
-    factors = R6
-    if config is not None:
-        parts = config.sun_sensors, before.misalignments, sun_sensor.build_trmm_alignments(*config.boresights)
-        first, second = (fit_crossing_compensation(*own) for own in zip(*parts, before.coefficients_beta, strict=True))
-        factors = first, second
-    beta = np.stack([apply_compensation(b, *cd) for b, cd in zip(before.coefficients_beta, factors, strict=True)])
-    return replace(before, G=R9_G, bias=R9_BIAS, coefficients_beta=beta)
-
-
 def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
-    """Tables of both uploads."""
-    first = build_alignment_upload(config.tables)
+    """Tables of R's uploads, with one of which the S filter is turned off, the remedy that R describes.
+
+    The first, of December 11, has R (3) for DSS-2 and the penetration biases. The second, of February 27 and 28, has the gyro's
+    R (9), and b coefficients by R (6) with (c, d) as printed or by `fit_crossing_compensation` for the sensors of the config.
+    """
+    misalignments = np.stack([np.eye(3), R3_M])
+    first = replace(config.tables, bias=None, misalignments=misalignments, penetration_biases=PENETRATION_BIASES)
     if config.filter_off_first:
-        first = build_filter_upload(first)
-    second = build_coefficient_upload(first, None if config.printed_coefficients else config)
-    return first, build_filter_upload(second) if not config.filter_off_first else second
+        first = replace(first, s_filter="off")
+    beta, nominal = first.coefficients_beta, sun_sensor.build_trmm_alignments(*config.boresights)
+    sensors = zip(config.sun_sensors, misalignments, nominal, beta, strict=True)
+    factors = list(R6) if config.printed_coefficients else [fit_crossing_compensation(*own) for own in sensors]
+    changed = np.stack([apply_compensation(b, *cd) for b, cd in zip(beta, factors, strict=True)])
+    second = replace(first, G=R9_G, bias=R9_BIAS, coefficients_beta=changed)
+    return first, second if config.filter_off_first else replace(second, bias=None, s_filter="off")
 
 
 def build_period_tables(config: MissionConfig | None = None) -> dict[str, OnBoardTables]:

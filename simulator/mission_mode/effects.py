@@ -44,10 +44,6 @@ class MissionSetting:
     size: float
     parameters: Parameters
 
-    def label(self) -> str:
-        """The name, with its axis if it has one."""
-        return f"{self.effect}:{AXES[int(self.parameters['axis'])]}" if "axis" in self.parameters else self.effect
-
 
 def _set_elevation(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     boresights = math.radians(own["tilt_deg"]), -math.radians(size)
@@ -55,8 +51,7 @@ def _set_elevation(config: MissionConfig, size: float, own: Parameters) -> Missi
 
 
 def _set_horizon_noise(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    horizon = replace(config.horizon, sigma=math.radians(size), time_constant_s=own["tau_s"])
-    return replace(config, horizon=horizon)
+    return replace(config, horizon=replace(config.horizon, sigma=math.radians(size), time_constant_s=own["tau_s"]))
 
 
 def _set_horizon_season(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
@@ -72,16 +67,8 @@ def _set_transfer_scale(config: MissionConfig, size: float, own: Parameters) -> 
     first, second = config.sun_sensors
     angle = math.radians(ALIGNED_AT[1])
     sun = np.array([-math.cos(angle), -math.sin(angle), 0.0]) @ build_trmm_alignments(*config.boresights)[1]
-    return replace(
-        config,
-        sun_sensors=(
-            first,
-            replace(
-                second,
-                coefficients_beta=apply_compensation(second.coefficients_beta, 1.0 + size, -size * float(sun[1] / sun[2])),
-            ),
-        ),
-    )
+    beta = apply_compensation(second.coefficients_beta, 1.0 + size, -size * float(sun[1] / sun[2]))
+    return replace(config, sun_sensors=(first, replace(second, coefficients_beta=beta)))
 
 
 def _set_rate_walk(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:

@@ -21,14 +21,7 @@ from numpy.typing import NDArray
 
 from simulator.arrays import Array
 from simulator.mission_mode.calendar import compute_sun_angle, find_plane_crossings
-from simulator.mission_mode.config import (
-    DAY,
-    Forward,
-    MissionConfig,
-    OnBoardTables,
-    YawManeuver,
-    build_uploads,
-)
+from simulator.mission_mode.config import DAY, Forward, MissionConfig, OnBoardTables, YawManeuver, build_uploads
 from simulator.mission_mode.loop import YEARLY, fly
 from simulator.mission_mode.magnetic_field import compute_sidereal_angle
 from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, SUN_STEP, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
@@ -114,14 +107,13 @@ def build_flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
     Alignment on December 11, the gyro and DSS coefficients on February 27, 1998. A maneuver is centred on its crossing.
     """
     start = compute_julian_date(config.epoch)
-    days_of = [(compute_julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
-    second, third = build_uploads(config)
+    dates = [(compute_julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
     moments = find_plane_crossings(config.epoch, config.orbit, days)
     standard = YawManeuver(0.0)
     maneuvers = tuple(replace(standard, start_s=float(t) - 0.5 * standard.duration_s) for t in moments)
     forward: Forward = "+x" if compute_sun_angle(config.epoch, config.orbit, 0.0) > 0 else "-x"
-    dated = (days_of[0], second), (days_of[1], third)
-    return replace(config, uploads=dated, maneuvers=maneuvers, forward=forward)
+    uploads = tuple(zip(dates, build_uploads(config), strict=True))
+    return replace(config, uploads=uploads, maneuvers=maneuvers, forward=forward)
 
 
 class _Flight:
@@ -164,7 +156,8 @@ class _Flight:
                 self.forward = "-x" if self.forward == "+x" else "+x"
                 slews.append(self._tabulate_slew(slew, bias))
                 slew = self._build_resting_slew()
-        return self._build_result(telemetry, count, slews)
+        table = pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS])
+        return MissionRun(_tabulate(telemetry, TELEMETRY), self._tabulate_updates(count), table, self._tabulate_orbits())
 
     def _list_events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
         """Cycle before which each event takes place, in order; a maneuver that the run does not see the end of is left out."""
@@ -196,14 +189,6 @@ class _Flight:
             "bias_yaw_deg_h": np.rad2deg(bias) * SECONDS_PER_HOUR,
         }
 
-    def _build_result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
-        return MissionRun(
-            _tabulate(telemetry, TELEMETRY),
-            self._tabulate_updates(count),
-            pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
-            self._tabulate_orbits(),
-        )
-
     def _tabulate_updates(self, count: int) -> pd.DataFrame:
         table = _tabulate(self.updates[:count], UPDATES).astype({"sensor": int, "bias_solved": bool})
         forward = self._find_forward_axis(table["t_s"].to_numpy())
@@ -214,12 +199,8 @@ class _Flight:
         rows = self.orbits
         samples = np.where(rows[:, 0] > 0, rows[:, 0], np.nan)
         start = self.config.orbit.period * np.arange(len(rows), dtype=float)
-        table: dict[str, object] = {
-            "t_s": start,
-            "forward": self._find_forward_axis(start),
-            "samples": rows[:, 0],
-            "lost": rows[:, 1],
-        }
+        forward = self._find_forward_axis(start)
+        table: dict[str, object] = {"t_s": start, "forward": forward, "samples": rows[:, 0], "lost": rows[:, 1]}
         for i, axis in enumerate(ROTATION_NAMES):
             table[f"rms_error_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 2 + i] / samples))
             table[f"rms_knowledge_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 5 + i] / samples))
@@ -257,7 +238,7 @@ def _build_plant(config: MissionConfig, span: float) -> Plant:
         inverse=np.asarray(np.linalg.inv(body.inertia)),
         axes=axes,
         distribution=np.ascontiguousarray(np.linalg.pinv(axes)),
-        gradient=3 * orbit.mean_motion**2 if body.gravity_gradient else 0.0,
+        gradient=3 * orbit.mean_motion**2,
         latitude_argument=orbit.latitude_argument,
         mean_motion=orbit.mean_motion,
         node=orbit.node,

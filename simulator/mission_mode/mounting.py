@@ -75,17 +75,11 @@ def fit_on_ground(turns: Array, boresights: tuple[float, float]) -> Array:
     and the rotation vector of DSS-2's M, (6,) rad.
     """
     sun = compute_sun_path(ALIGNED_AT)
-    seen = []
-    for N, turn, head in zip(
-        sun_sensor.build_trmm_alignments(*boresights),
-        (turns[:3], turns[3:]),
-        (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2),
-        strict=True,
-    ):
+    seen, heads = [], (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2)
+    for N, turn, head in zip(sun_sensor.build_trmm_alignments(*boresights), turns.reshape(2, 3), heads, strict=True):
         s = sun @ (N @ _build_rotation(turn))
-        tangents = np.array(
-            [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
-        )
+        found = [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
+        tangents = np.array(found)
         view = (np.abs(tangents) <= np.tan(sun_sensor.SIMULATED_HALF_FOV)).all(axis=1)
         seen.append((sun[view], N, np.arctan(tangents[view])))
 

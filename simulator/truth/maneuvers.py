@@ -23,7 +23,6 @@ attitude is that of the mode again. Of the rotations that do it, which differ by
 Times here are local, τ = t − start of the interval: a small number keeps its digits weeks after the epoch.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -140,14 +139,11 @@ class Hold:
         """Local times where a derivative of the rate jumps, s."""
         return self.start, self.start + self.transition, self.stop - self.transition, self.stop
 
-    def compute_tracking_share(self, tau: Array) -> Array:
-        """s(τ): 1 outside the hold, 0 inside; (n,) → (n,)."""
-        entry = smoothstep((tau - self.start) / self.transition)
-        return 1 - entry + smoothstep((tau - self.stop + self.transition) / self.transition)
-
-    def compute_entry_pulse(self, tau: Array) -> Array:
-        """p_in(τ), 1/s; (n,) → (n,)."""
-        return pulse((tau - self.start) / self.transition) / self.transition
+    def fade(self, tau: Array, omega: Array) -> Array:
+        """s(τ) ω_T + p_in(τ) δ, rad/s, s being 1 outside the hold and 0 inside; (n,), (n, 3) → (n, 3)."""
+        entering = (tau - self.start) / self.transition
+        share = 1 - smoothstep(entering) + smoothstep((tau - self.stop + self.transition) / self.transition)
+        return share[:, None] * omega + (pulse(entering) / self.transition)[:, None] * self.offset
 
     def compute_return_pulse(self, tau: Array) -> Array:
         """p_out(τ), 1/s; (n,) → (n,)."""
@@ -201,7 +197,7 @@ class Profile:
         """Body rate, rad/s; (n,) local time, s → (n, 3)."""
         omega = self.compute_tracking_rate(tau)
         if self.hold:
-            omega = _apply_hold(self.hold, tau, omega) + self.hold.compute_return_pulse(tau)[:, None] * self.return_rotation
+            omega = self.hold.fade(tau, omega) + self.hold.compute_return_pulse(tau)[:, None] * self.return_rotation
         if self.sway:
             angles, rates = self.sway.angles(self.start_s, tau), self.sway.rates(self.start_s, tau)
             for axis in range(3):
@@ -219,40 +215,33 @@ class Profile:
 
     @cached_property
     def return_rotation(self) -> Array:
-        """The vector r that brings the attitude back to the mode at the end of the hold, rad; (3,)."""
-        if self.hold is None:
+        """The vector r that brings the attitude back to the mode at the end of the hold, rad; (3,).
+
+        The first guess is the whole rotation that is missing at the end when r = 0, as a rotation vector and hence the short
+        way; the solver then only corrects for its mixing with the tracking rate.
+        """
+        hold = self.hold
+        if hold is None:
             return np.zeros(3)
-        return _solve_return(self.hold, self.compute_tracking_rate, self.compute_tracking_attitude)
+        start, held, leaving, stop = hold.knots
+        before, after = (convert_to_quaternion(self.compute_tracking_attitude(np.array([time])))[0] for time in (start, stop))
+        entry_grid = np.linspace(start, held, TRANSITION_STEPS + 1)
+        entry = integrate(lambda tau: hold.fade(tau, self.compute_tracking_rate(tau)), entry_grid, before)
+        grid = np.linspace(leaving, stop, TRANSITION_STEPS + 1)
+        step = np.diff(grid)
+        times = (grid[:-1, None] + step[:, None] * NODES).ravel()
+        fading = hold.fade(times, self.compute_tracking_rate(times))
+        pulses = hold.compute_return_pulse(times)[:, None]
 
+        def compute_miss(r: Array) -> Array:
+            sigma, _ = compute_magnus_exponent((fading + pulses * r).reshape(-1, 3, 3), step)
+            return separation(accumulate(entry.quaternions[-1], sigma)[-1], after)
 
-def _apply_hold(hold: Hold, tau: Array, omega: Array) -> Array:
-    return hold.compute_tracking_share(tau)[:, None] * omega + hold.compute_entry_pulse(tau)[:, None] * hold.offset
-
-
-def _solve_return(hold: Hold, rate: Callable[[Array], Array], attitude: Callable[[Array], Array]) -> Array:
-    """Solve for r with A(stop) that of the mode.
-
-    The first guess is the whole rotation that is missing at the end when r = 0, as a rotation vector and hence the short
-    way; the solver then only corrects for its mixing with the tracking rate.
-    """
-    start, held, leaving, stop = hold.knots
-    before, after = (convert_to_quaternion(attitude(np.array([time])))[0] for time in (start, stop))
-    entry = integrate(lambda tau: _apply_hold(hold, tau, rate(tau)), np.linspace(start, held, TRANSITION_STEPS + 1), before)
-    grid = np.linspace(leaving, stop, TRANSITION_STEPS + 1)
-    step = np.diff(grid)
-    times = (grid[:-1, None] + step[:, None] * NODES).ravel()
-    fading = _apply_hold(hold, times, rate(times))
-    pulses = hold.compute_return_pulse(times)[:, None]
-
-    def compute_miss(r: Array) -> Array:
-        sigma, _ = compute_magnus_exponent((fading + pulses * r).reshape(-1, 3, 3), step)
-        return separation(accumulate(entry.quaternions[-1], sigma)[-1], after)
-
-    # A rotation r in body axes takes A to exp(−[r×]) A, hence the sign.
-    solution = root(compute_miss, -compute_miss(np.zeros(3)), options={"xtol": 1e-15})
-    if np.linalg.norm(compute_miss(solution.x)) > RETURN_TOLERANCE:
-        raise InputError("inertial hold: no smooth way back to the mode was found; lengthen transition_s")
-    return np.asarray(solution.x)
+        # A rotation r in body axes takes A to exp(−[r×]) A, hence the sign.
+        solution = root(compute_miss, -compute_miss(np.zeros(3)), options={"xtol": 1e-15})
+        if np.linalg.norm(compute_miss(solution.x)) > RETURN_TOLERANCE:
+            raise InputError("inertial hold: no smooth way back to the mode was found; lengthen transition_s")
+        return np.asarray(solution.x)
 
 
 def integrate_trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:

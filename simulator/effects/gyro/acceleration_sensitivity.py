@@ -16,11 +16,8 @@ from simulator.effects.housekeeping_columns import ACCELERATION, STANDARD_GRAVIT
 LEAST_CHANGE = 1e-3  # g₀, RMS: a steadier acceleration is a bias
 
 
-class AccelerationSensitivity(Effect):
-    """See the module."""
-
+class _AccelerationSensitivity(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
-        """(a − mean a)/g₀, as deg/h."""
         toward = str(parameters["toward"])
         name = _find_acceleration(stream, toward)
         if name is None:
@@ -55,7 +52,7 @@ def _list_changing_axes(stream: Stream) -> list[str]:
     ]
 
 
-EFFECT = AccelerationSensitivity(
+EFFECT = _AccelerationSensitivity(
     name="acceleration_sensitivity",
     summary="bias follows a recorded acceleration",
     says="{whose} bias {way} by {size} with an acceleration",

@@ -32,23 +32,19 @@ def apply_lag(rates: Array, duration_s: Array, tau: float) -> Array:
     return out
 
 
-class RateLag(Effect):
-    """See the module."""
-
+class _RateLag(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
-        """−dω_raw/dt."""
         return compute_delay_columns(stream)
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        """The lagged reading."""
         out = raw.copy()
         if setting.size > 0:
-            for part in list_runs(stream):
+            for part in list_runs(stream.t_s, stream.duration_s, stream.intervals):
                 out[part] = apply_lag(raw[part], stream.duration_s[part], setting.size)
         return out
 
 
-EFFECT = RateLag(
+EFFECT = _RateLag(
     name="rate_lag",
     summary="first-order lag of the gyro output",
     says="the gyro's readings trail the motion by {size}",

@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.innovations import Innovations, compute_innovations
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial
-from simulator.effects.common import DEG, number
-from simulator.effects.directed_effect import DirectedEffect
+from simulator.effects.common import DEG, DirectedEffect, number
 
 FEWEST_JUMP_REFERENCES = 4  # references of a window, more than a group of false ones has
 JUMP_CHI2 = 36.0  # χ² of a difference of three axes, which noise exceeds once in 10⁷
@@ -33,16 +32,12 @@ FOREVER_S = 1e12  # end of a jump that stays
 
 
 @dataclass(frozen=True)
-class ReferenceJump(DirectedEffect):
-    """See the module."""
-
+class _ReferenceJump(DirectedEffect):
     @property
     def directions(self) -> tuple[Parameter, ...]:
-        """The three angles."""
         return self.parameters[:3]
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
-        """One about each axis inside the window."""
         t_s = references.t_s
         inside = (t_s >= number(parameters, "begin_s")) & (t_s < float(parameters.get("end_s", FOREVER_S)))
         return np.asarray(DEG * np.eye(3) * inside[:, None, None])
@@ -144,7 +139,7 @@ def _choose_middle_window(around: Surroundings) -> Trial:
     return _build_window(float(t_s[third]), float(t_s[-max(third, 1)]), 1 / references.t_s.size)
 
 
-EFFECT = ReferenceJump(
+EFFECT = _ReferenceJump(
     name="reference_jump",
     summary="reference attitude off by a constant rotation for a while",
     says="the reference attitude is off by {size} for a while",

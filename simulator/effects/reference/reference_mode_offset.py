@@ -20,11 +20,8 @@ WITHIN_DEG = 90.0
 TRIED_DEG = tuple(range(30, 125, 15))  # headings from -x at which the head may take over
 
 
-class ReferenceModeOffset(Effect):
-    """See the module."""
-
+class _ReferenceModeOffset(Effect):
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
-        """One where -x is forward, as degrees."""
         return put_on_axis(np.where(_find_affected(references, parameters), DEG, 0.0), axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
@@ -63,7 +60,7 @@ def _find_affected(references: References, parameters: Parameters) -> Flags:
     return out
 
 
-EFFECT = ReferenceModeOffset(
+EFFECT = _ReferenceModeOffset(
     name="reference_mode_offset",
     summary="reference offset in -x forward against other modes",
     says="the reference attitude is off by {size} about {axis} in -x forward",

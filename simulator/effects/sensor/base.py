@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.arrays import Array, Flags
-from simulator.effects.base import Effect, Parameter, Parameters, Setting, Surroundings, Trial, mark_absent
-from simulator.effects.directed_effect import DirectedEffect
-from simulator.sensors.suite import SensorSuite
+from simulator.effects.base import Effect, Parameter, Parameters, Surroundings, Trial
+from simulator.effects.common import DEG as DEG
+from simulator.effects.common import DirectedEffect
 
-DEG = float(np.deg2rad(1.0))
 EARTH_SENSOR = "Earth sensor"
 S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
 
@@ -68,12 +67,6 @@ class SensorEffect(Effect):
         """Its options."""
         return tuple(Trial(option, 1 / len(self.options)) for option in self.options)
 
-    @mark_absent
-    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """The sensors with the effect."""
-        raise NotImplementedError
-
-    @mark_absent
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
         raise NotImplementedError
@@ -82,8 +75,3 @@ class SensorEffect(Effect):
 @dataclass(frozen=True)
 class VectorEffect(SensorEffect, DirectedEffect):
     """An effect of several angles: its size is their norm, its parameters say the direction and may have any length."""
-
-
-def make_angle_parameter(name: str, default: float, summary: str) -> Parameter:
-    """A parameter of a `VectorEffect`."""
-    return Parameter(name, "deg", default, summary)

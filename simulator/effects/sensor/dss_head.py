@@ -17,23 +17,19 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.arrays import Array
-from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, make_angle_parameter
+from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect
 from simulator.sensors.suite import SensorSuite
 
 
-class DssHead(VectorEffect):
-    """See the module."""
-
+class _DssHead(VectorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Turn the head of one sensor."""
         sensors = list(suite.sun_sensors)
         place = int(str(setting.axis)) - 1
         sensors[place] = replace(sensors[place], head=sensors[place].head + DEG * self.amplitudes(setting))
         return replace(suite, sun_sensors=tuple(sensors))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Exact error of β."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == int(str(axis))
         a, b = np.tan(sightings.sun_angles[own].T)
@@ -44,7 +40,7 @@ class DssHead(VectorEffect):
         return sun, earth
 
 
-EFFECT = DssHead(
+EFFECT = _DssHead(
     name="dss_head",
     summary="the heads of a sun sensor are not at right angles",
     says="the two heads of sun sensor {axis} are {size} off a right angle",
@@ -54,9 +50,9 @@ EFFECT = DssHead(
     bounds=(-5.0, 5.0),
     axes=("1", "2"),
     parameters=(
-        make_angle_parameter("e1_deg", 0.206, "first Euler angle, about y; only the direction of the three counts"),
-        make_angle_parameter("e2_deg", 0.061, "second, about z"),
-        make_angle_parameter("e3_deg", 0.182, "third, about x"),
+        Parameter("e1_deg", "deg", 0.206, "first Euler angle, about y; only the direction of the three counts"),
+        Parameter("e2_deg", "deg", 0.061, "second, about z"),
+        Parameter("e3_deg", "deg", 0.182, "third, about x"),
     ),
     count=3,
     acts_on="DSS-{axis}",

@@ -10,27 +10,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simulator.arrays import Array
-from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, make_angle_parameter
+from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect
 from simulator.sensors.suite import SensorSuite
 
 MISALIGNED_SENSOR = 2
 
 
-class DssMisalignment(VectorEffect):
-    """See the module."""
-
+class _DssMisalignment(VectorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Turn DSS-2."""
-        sensors = list(suite.sun_sensors)
+        first, second = suite.sun_sensors
         turn = Rotation.from_rotvec(DEG * self.amplitudes(setting)).as_matrix()
-        sensors[MISALIGNED_SENSOR - 1] = replace(
-            sensors[MISALIGNED_SENSOR - 1], alignment=sensors[MISALIGNED_SENSOR - 1].alignment @ turn
-        )
-        return replace(suite, sun_sensors=tuple(sensors))
+        return replace(suite, sun_sensors=(first, replace(second, alignment=second.alignment @ turn)))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Exact error of both angles."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == MISALIGNED_SENSOR
         angles = sightings.sun_angles[own]
@@ -40,7 +33,7 @@ class DssMisalignment(VectorEffect):
         return sun, earth
 
 
-EFFECT = DssMisalignment(
+EFFECT = _DssMisalignment(
     name="dss_misalignment",
     summary="DSS-2 is turned against DSS-1",
     says="one sun sensor is turned by {size} against the other",
@@ -50,9 +43,9 @@ EFFECT = DssMisalignment(
     bounds=(-5.0, 5.0),
     axes=(),
     parameters=(
-        make_angle_parameter("m_x_deg", -0.1565, "about the sensor's x; only the direction of the three counts"),
-        make_angle_parameter("m_y_deg", -0.1141, "about y"),
-        make_angle_parameter("m_z_deg", 0.1140, "about z"),
+        Parameter("m_x_deg", "deg", -0.1565, "about the sensor's x; only the direction of the three counts"),
+        Parameter("m_y_deg", "deg", -0.1141, "about y"),
+        Parameter("m_z_deg", "deg", 0.1140, "about z"),
     ),
     count=3,
     acts_on=f"DSS-{MISALIGNED_SENSOR}",

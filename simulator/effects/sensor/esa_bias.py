@@ -8,25 +8,21 @@ alone. The default direction is R's, in the order printed there (`gyrocal.sensor
 from dataclasses import replace
 
 from simulator.arrays import Array
-from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect, make_angle_parameter
+from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect
 from simulator.sensors.suite import SensorSuite
 
 
-class EsaBias(VectorEffect):
-    """See the module."""
-
+class _EsaBias(VectorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Add the biases."""
         return replace(suite, earth=replace(suite.earth, biases=suite.earth.biases + DEG * self.amplitudes(setting)))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """The biases themselves."""
         sun, earth = sightings.nothing
         return sun, earth + DEG * amplitudes
 
 
-EFFECT = EsaBias(
+EFFECT = _EsaBias(
     name="esa_bias",
     summary="penetration-angle biases of the Earth sensor's quadrants",
     says="the quadrants of the Earth sensor read up to {size} high or low",
@@ -36,10 +32,10 @@ EFFECT = EsaBias(
     bounds=(-3.0, 3.0),
     axes=(),
     parameters=(
-        make_angle_parameter("bias_1_deg", -0.1574, "of the first quadrant; only the direction of the four counts"),
-        make_angle_parameter("bias_2_deg", 0.04635, "of the second"),
-        make_angle_parameter("bias_3_deg", -0.09414, "of the third"),
-        make_angle_parameter("bias_4_deg", -0.05382, "of the fourth"),
+        Parameter("bias_1_deg", "deg", -0.1574, "of the first quadrant; only the direction of the four counts"),
+        Parameter("bias_2_deg", "deg", 0.04635, "of the second"),
+        Parameter("bias_3_deg", "deg", -0.09414, "of the third"),
+        Parameter("bias_4_deg", "deg", -0.05382, "of the fourth"),
     ),
     count=4,
     acts_on=EARTH_SENSOR,

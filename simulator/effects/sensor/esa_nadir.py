@@ -37,17 +37,13 @@ class FlattenedHorizon(Horizon):
         return a, c + self.missing * (a - c)
 
 
-class EsaNadir(SensorEffect):
-    """See the module."""
-
+class _EsaNadir(SensorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Replace the horizon."""
         seen = suite.earth.horizon
         horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Angle of the one horizon minus that of the other."""
         sun, _ = sightings.nothing
         seen = Horizon()
         changed = FlattenedHorizon(missing=float(amplitudes[0]))
@@ -73,7 +69,7 @@ def _compute_limbs(sightings: Sightings, a: float, c: float, nominal: float) -> 
     return np.asarray(np.where(np.abs(roots[0] - nominal) < np.abs(roots[1] - nominal), *roots))
 
 
-EFFECT = EsaNadir(
+EFFECT = _EsaNadir(
     name="esa_nadir",
     summary="part of the Earth's flattening is missing in the penetration angles",
     says="the Earth sensor takes the Earth for rounder than it is, by {number} of its flattening",

@@ -15,17 +15,13 @@ from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Sens
 from simulator.sensors.suite import SensorSuite
 
 
-class EsaSFilter(SensorEffect):
-    """See the module."""
-
+class _EsaSFilter(SensorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Start the filter from a wrong value."""
         start = suite.earth.offset - DEG * setting.size / (3 * suite.earth.width)
         constant = float(setting.parameters["time_constant_s"])
         return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Error by the wrong start, in each quadrant."""
         sun, earth = sightings.nothing
         constant = float(parameters["time_constant_s"])
         for number in np.unique(sightings.arc):
@@ -36,7 +32,7 @@ class EsaSFilter(SensorEffect):
         return sun, DEG * amplitudes[0] * earth
 
 
-EFFECT = EsaSFilter(
+EFFECT = _EsaSFilter(
     name="esa_s_filter",
     summary="the S filter starts from a wrong value when a quadrant returns",
     says="the Earth sensor errs by up to {size} after the Sun has passed through its view",

@@ -14,20 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.common import recursion
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
 from simulator.truth.orbit import EARTH_RADIUS
 
 
-class EsaSunIntrusion(SensorEffect):
-    """See the module."""
-
+class _EsaSunIntrusion(SensorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """Add the Sun's radiance without the prediction that excludes it."""
         field = DEG * float(setting.parameters["field_deg"])
         return replace(
             suite,
@@ -41,25 +38,15 @@ class EsaSunIntrusion(SensorEffect):
         )
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Error of each quadrant by the filtered S."""
         sun, _ = sightings.nothing
         inside = _find_sun_inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
         first = np.diff(sightings.arc, prepend=-1) != 0
         gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
         taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
-        return sun, -DEG * amplitudes[0] * _solve_recurrence(1 - taken, taken * inside)
-
-
-@compile_cached
-def _solve_recurrence(kept: Array, added: Array) -> Array:
-    """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
-    out = np.empty_like(kept)
-    state = np.zeros(kept.shape[1])
-    for k in range(len(kept)):
-        state = kept[k] * state + added[k]
-        out[k] = state
-    return out
+        kept, added = np.ascontiguousarray((1 - taken).T), np.ascontiguousarray((taken * inside).T)
+        taken_up = np.stack([recursion(*quadrant) for quadrant in zip(kept, added, strict=True)], axis=1)
+        return sun, -DEG * amplitudes[0] * taken_up
 
 
 def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
@@ -76,7 +63,7 @@ def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
 
 
 FIELDS, CONSTANTS = (3.5, 5.0, 7.0), (20.0, 60.0, 180.0)
-EFFECT = EsaSunIntrusion(
+EFFECT = _EsaSunIntrusion(
     name="esa_sun_intrusion",
     summary="the Sun in a quadrant of the Earth sensor is not excluded",
     says="the Sun in its view pulls the Earth sensor off by up to {size}",

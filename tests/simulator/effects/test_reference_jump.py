@@ -1,12 +1,16 @@
 """Reference attitudes that jump by a constant rotation: innovations that show it, and what a diagnosis says of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from simulator.effects import EFFECTS, extract_surroundings, parse
+from simulator.effects import EFFECTS, parse
+from simulator.effects.recording_view import smooth_rates
 from simulator.effects.reference.reference_jump import compute_reference_innovations, find_edges
+from simulator.simulate import build_surroundings, motion
 from simulator.truth.rotation import separation
 from tests.simulator.effects.test_clock import RIVALS, agile
 
@@ -17,7 +21,8 @@ def seen(scenario, *texts, seed=2):
     """A recording, and what it offers at its a-priori calibration."""
     recording = simulator.simulate(scenario, seed=seed, effects=[parse(text) for text in texts])
     gyro = recording.gyro
-    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias)
+    rates = smooth_rates(recording, gyro.apriori_G, gyro.apriori_bias)
+    return recording, build_surroundings(recording, replace(motion(scenario), rates=rates))
 
 
 def test_a_jump_turns_the_reference_about_all_axes_while_it_lasts():

@@ -42,7 +42,7 @@ EFFECTS = [Constant(name="second", summary="of a file", unit="rad/s", stage="rat
 def own():
     """A registry of the built-in effects that a test may change."""
     registry = Registry()
-    registry.register_all(module.EFFECT for module in BUILT_IN)
+    registry.register_all(BUILT_IN)
     return registry
 
 
