@@ -2,7 +2,7 @@
 
 Every statistic of second differences of the angle θ follows from a function κ(t) with Cov[Σ a_i θ(t_i), Σ b_j θ(t_j)] =
 Σ a_i b_j κ(t_i − t_j) for all weights that annihilate a constant and a trend. Then E z² = 6 κ(0) − 8 κ(τ) + 2 κ(2τ), the Allan
-variance is that over 2τ², and covariances of Allan variances follow too (`gyrocal.allan.covariance`).
+variance is that over 2τ², and covariances of Allan variances follow too (`gyrocal.allan.deviation`).
 
 | term                   | spectrum of the rate, two-sided  | κ(t)                              | Allan variance       |
 |------------------------|----------------------------------|-----------------------------------|----------------------|
