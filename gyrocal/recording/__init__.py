@@ -1,8 +1,7 @@
 """A recording: gyro stream, reference attitudes and raw sensor tables; loaded, validated and saved."""
 
-from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.format import load, save
-from gyrocal.recording.header import format_toml, read_toml
+from gyrocal.recording.header import format_toml, format_validation_error, read_toml
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit, find_reference_rows
 from gyrocal.recording.recording_data import Recording
 

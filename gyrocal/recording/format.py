@@ -36,17 +36,9 @@ IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
 
 
 def load(folder: str | os.PathLike[str], *, without_references: bool = False) -> Recording:
-    """Load and validate a recording.
+    """Load and validate a recording, which may do without references if only its gyro's noise is of interest.
 
-    Parameters
-    ----------
-    folder : path of the recording's folder
-    without_references : whether it may do without reference attitudes, as for their noise alone
-
-    Raises
-    ------
-    InputError
-        One line saying which file, where in it, and what is wrong.
+    An `InputError` says in one line which file is wrong, where in it, and what.
     """
     folder = Path(folder)
     if not folder.is_dir():

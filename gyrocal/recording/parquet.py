@@ -27,12 +27,8 @@ def write(frame: pd.DataFrame, file: BinaryIO) -> None:
 def read(path: Path) -> pd.DataFrame:
     """Read a table.
 
-    Raises
-    ------
-    ValueError
-        It does not hold what it states, or has two columns of one name.
-    OSError, pyarrow.ArrowException
-        It is no Parquet file, or a page has another checksum than it states.
+    A `ValueError` if it does not hold what it states or has two columns of one name; an `OSError` or `pyarrow.ArrowException`
+    if it is no Parquet file, or a page has another checksum than it states.
     """
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         about, table = file.metadata, file.read()

@@ -42,19 +42,20 @@ def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.Da
     """A table and its file's name."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
+    from gyrocal.recording import parquet  # late, as pandas
+
     path = find(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
     bounds.check_table(path)
     try:
-        frame = _read_parquet(path) if path.suffix == ".parquet" else read_csv_file(path)
+        frame = parquet.read(path) if path.suffix == ".parquet" else read_csv_file(path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read: {' '.join(str(fault).split())}") from None
     missing = [column for column in required if column not in frame.columns]
     if missing:
-        hint = ""
         close = [str(c) for c in frame.columns if any(str(c).startswith(m.rsplit("_deg", 1)[0]) for m in missing)]
         if len(frame.columns) == 1:
             hint = "; is the separator a comma?"
@@ -74,12 +75,6 @@ def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.Da
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )
     return path.name, frame
-
-
-def _read_parquet(path: Path) -> pd.DataFrame:
-    from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
-
-    return parquet.read(path)
 
 
 def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
@@ -120,18 +115,11 @@ def build_frames(
     """The tables of a recording as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    of_gyro = ["t_s", *RATE_COLUMNS]
-    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
+    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, gyro.rates_deg_s]), columns=["t_s", *RATE_COLUMNS])}
     if attitudes.t_s.size:
-        columns, values = (
-            ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
-            [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg],
-        )
+        columns = ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS]
+        values = [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg]
         if attitudes.correlation is not None:
             columns, values = [*columns, *CORRELATION_COLUMNS], [*values, attitudes.correlation]
         own["attitude"] = pd.DataFrame(np.column_stack(values), columns=columns)
-    return {
-        **own,
-        **others,
-        **(sensor_tables.build_sensor_frames(sensors) if sensors is not None else {}),
-    }
+    return own | dict(others) | (sensor_tables.build_sensor_frames(sensors) if sensors is not None else {})

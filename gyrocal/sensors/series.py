@@ -59,6 +59,9 @@ class SensorModel(Protocol):
 class SensorSeries:
     """Measurements of one sensor.
 
+    An `InputError` if the arrays do not fit each other or the model, a time does not ascend, a sigma is not positive, or a
+    number to be used is not finite.
+
     Attributes
     ----------
     model : their model, for which row k is the k-th measurement
@@ -66,12 +69,6 @@ class SensorSeries:
     y : (n, m) measurements; any value, NaN too, where sigma is infinite
     sigma : (n, m) 1-sigma of the noise, in the unit of y; infinite where a number is not to be used (out of view, quadrant
         dropped)
-
-    Raises
-    ------
-    InputError
-        The arrays do not fit each other or the model, a time does not ascend, a sigma is not positive, or a number to be
-        used is not finite.
     """
 
     model: SensorModel

@@ -47,7 +47,7 @@ SUN_ANGLE_SIGMA = float(np.deg2rad(0.0056))  # 0.005° of noise (not published) 
 
 @dataclass(frozen=True)
 class SunSensor:
-    """Digital sun sensor.
+    """Digital sun sensor; an `InputError` if a matrix is no rotation, or a shape or number cannot be used.
 
     Attributes
     ----------
@@ -57,11 +57,6 @@ class SunSensor:
     coefficients_alpha, coefficients_beta : (9,) a and b of R (5), a₅, a₈, a₉ and their like in rad
     half_fov : largest angle of either head, rad
     sigma : 1-sigma of each angle, rad
-
-    Raises
-    ------
-    InputError
-        A matrix is no rotation, or a shape or number cannot be used.
     """
 
     name: str
@@ -73,12 +68,8 @@ class SunSensor:
     sigma: float = SUN_ANGLE_SIGMA
 
     def __post_init__(self) -> None:
-        for what, shape in (
-            ("alignment", (3, 3)),
-            ("misalignment", (3, 3)),
-            ("coefficients_alpha", (9,)),
-            ("coefficients_beta", (9,)),
-        ):
+        shapes = {"alignment": (3, 3), "misalignment": (3, 3), "coefficients_alpha": (9,), "coefficients_beta": (9,)}
+        for what, shape in shapes.items():
             value = np.asarray(getattr(self, what), dtype=float)
             if value.shape != shape or not np.isfinite(value).all():
                 raise InputError(f"{self.name}: {what} must be {shape} finite numbers")
@@ -94,10 +85,8 @@ class SunSensor:
     def angles(self, counts: npt.ArrayLike) -> Array:
         """(α, β) of counts (n, 2) by R (5), rad; (n, 2)."""
         N = np.asarray(counts, dtype=float)
-        return np.stack(
-            [_evaluate_transfer(N[..., 0], self.coefficients_alpha), _evaluate_transfer(N[..., 1], self.coefficients_beta)],
-            axis=-1,
-        )
+        alpha, beta = self.coefficients_alpha, self.coefficients_beta
+        return np.stack([_evaluate_transfer(N[..., 0], alpha), _evaluate_transfer(N[..., 1], beta)], axis=-1)
 
     def in_view(self, angles: Array) -> NDArray[np.bool_]:
         """(n,) both angles (n, 2) within the field of view."""
