@@ -18,8 +18,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 TEMPORARY = ".tmp"  # how the names of temporary files end
-
-
 LINK = "is a symbolic link, which is not written through; give the file that it leads to, or remove it"
 
 
@@ -74,18 +72,11 @@ def _remove_on_error(path: Path) -> Iterator[None]:
 
 
 def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]], without: Iterable[str] = ()) -> None:
-    """Replace a set of files in a folder together; if one cannot be written, all old files stay.
+    """Replace files in a folder together, and remove those `without`; if one cannot be written, all old files stay.
 
-    The last file is removed before the first rename and comes back with the last one. A process killed in between leaves a
-    folder without it, which is seen to be incomplete, never a complete set of old and new files.
-
-    Raises an `OSError` with the name of a file that cannot be written.
-
-    Parameters
-    ----------
-    folder : created if it does not exist
-    files : function that writes each file, by name; the last file is one that no reader can do without
-    without : names of files to remove from the folder
+    The last file is one that no reader can do without. It is removed before the first rename and comes back with the last one:
+    a process killed in between leaves a folder that is seen to be incomplete, never a complete set of old and new files. An
+    `OSError` has the name of a file that cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:

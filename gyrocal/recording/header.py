@@ -17,9 +17,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording import bounds
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
+from gyrocal.recording.tables import check_regular
+
+LARGEST_HEADER = 1 << 24  # bytes of recording.toml
 
 GainRow = Annotated[list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=3, max_length=3)]
 
@@ -118,7 +120,9 @@ class Header(_Model):
 
 def read(path: Path) -> Header:
     """The header in a file."""
-    bounds.check_header(path)
+    check_regular(path)
+    if path.exists() and path.stat().st_size > LARGEST_HEADER:
+        raise InputError(f"{path}: {path.stat().st_size} bytes are no header of a recording, of {LARGEST_HEADER} at most")
     try:
         return Header.model_validate(read_toml(path))
     except ValidationError as error:
