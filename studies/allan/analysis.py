@@ -86,12 +86,10 @@ class NoiseAnalysis:
 
     def to_json(self) -> dict[str, Any]:
         """Everything as numbers with their units."""
+        unit, factor = COEFFICIENT_UNITS[RANDOM_WALK]
         return {
             "recording": self.recording,
-            "stated_angle_random_walk": {
-                "value": self.arw * COEFFICIENT_UNITS[RANDOM_WALK][1],
-                "unit": COEFFICIENT_UNITS[RANDOM_WALK][0],
-            },
+            "stated_angle_random_walk": {"value": self.arw * factor, "unit": unit},
             "confidence": BOUND_CONFIDENCE,
             "stretches": [describe_stretch(one) for one in self.stretches],
             "axes": {axis: _describe_axis(one, self.stretches) for axis, one in zip(AXIS_NAMES, self.axes, strict=True)},
@@ -138,10 +136,8 @@ def _estimate_axis_noise(
 def _simulate_reference_variance(parts: tuple[Stretch, ...], compute_deviation: Callable[[list[Array]], Deviation]) -> Array:
     """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
     draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
-    found = []
-    for case in range(draws):
-        rng = generator(0, case, "allan references")
-        found.append(compute_deviation([one.draw_reference_rates(rng) for one in parts]).variance)
+    generators = [generator(0, case, "allan references") for case in range(draws)]
+    found = [compute_deviation([one.draw_reference_rates(rng) for one in parts]).variance for rng in generators]
     return np.asarray(np.mean(found, axis=0))
 
 
@@ -220,17 +216,12 @@ def describe_step(place: int, step: RateStep, parts: tuple[Stretch, ...]) -> dic
 
 def _describe_axis(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
     terms = {}
-    for estimate in map(convert_to_display_unit, one.fit.estimates):
-        entry = {
-            "seen": estimate.seen,
-            "unit": COEFFICIENT_UNITS[estimate.term][0],
-            "value": estimate.value,
-            "sigma": estimate.sigma,
-        }
-        entry["upper_95"] = estimate.upper
-        if estimate.term == MARKOV:
-            entry |= {"time_constant_s": estimate.time_constant_s, "time_constant_sigma_s": estimate.time_constant_sigma_s}
-        terms[estimate.term] = entry
+    for found in map(convert_to_display_unit, one.fit.estimates):
+        entry = {"seen": found.seen, "unit": COEFFICIENT_UNITS[found.term][0], "value": found.value, "sigma": found.sigma}
+        entry["upper_95"] = found.upper
+        if found.term == MARKOV:
+            entry |= {"time_constant_s": found.time_constant_s, "time_constant_sigma_s": found.time_constant_sigma_s}
+        terms[found.term] = entry
     lines_found = [
         {"frequency_hz": line.frequency_hz, "amplitude": line.amplitude * RATE, "sigma": line.sigma * RATE, "unit": RATE_UNIT}
         for line in one.sinusoid.found

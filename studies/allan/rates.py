@@ -1,12 +1,9 @@
 """The noise of a gyro in a recording, as stretches of rates of which the motion is taken out.
 
-Only stretches count in which the mean rate does not visibly change from one twenty samples to the next, without what beside a
-motion goes with it beyond the noise; of a body that moves gently all the time nothing would be left, and that stays. In a
-stretch the references decide. Where they agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀ fitted to them, it is
-a *rest*: a constant rate does not enter second differences, and the raw rates are used as they are. Where they deny it, what
-they say of the motion is taken out of the calibrated rates: the mean over each sample of the rate of a cubic spline through
-them.
-That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
+docs/allan.md says which stretches count. Where the references agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀
+fitted to them, a stretch is a *rest*: a constant rate does not enter second differences, and the raw rates are used as they
+are. Where they deny it, the mean over each sample of the rate of a cubic spline through them is taken out of the calibrated
+rates. That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
 """
 
 from collections.abc import Callable
