@@ -5,10 +5,9 @@ Frames and signs are those of `gyrocal`. N (29) as printed has the opposite sign
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 
 def cross_matrix(v: Array) -> Array:

@@ -21,19 +21,15 @@ TEMPORARY = ".tmp"  # how the names of temporary files end
 LINK = "is a symbolic link, which is not written through; give the file that it leads to, or remove it"
 
 
-def is_opened(path: Path) -> bool:
-    """Whether a path is /dev/stdout or a descriptor under /dev/fd, which leads to /proc: a link to what the shell opened."""
-    return bool(re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent))) and path.is_symlink()
-
-
 def is_replaced(path: Path) -> bool:
     """Whether what is written takes the place of a path: of a regular file or of nothing; else it is written into it.
 
     An `OSError` if it is a symbolic link.
     """
-    if is_opened(path):
-        return False
     if path.is_symlink():
+        # /dev/stdout, or a descriptor under /dev/fd, which leads to /proc: a link to what the shell opened.
+        if re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent)):
+            return False
         raise OSError(errno.ELOOP, LINK, str(path))
     return path.is_file() or not path.exists()
 
@@ -52,23 +48,18 @@ def open_replacement(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
                 yield file
             return
         # Exclusive: neither a file nor a link that somebody else put there is written to, nor removed below.
-        with open(temporary, "xb") as file, _remove_on_error(temporary):
-            yield file
-            file.close()
-            os.replace(temporary, path)
+        with open(temporary, "xb") as file:
+            try:
+                yield file
+                file.close()
+                os.replace(temporary, path)
+            except BaseException:
+                temporary.unlink(missing_ok=True)
+                raise
     except OSError as error:
         if error.filename not in (None, str(temporary)):
             raise
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
-
-
-@contextmanager
-def _remove_on_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
 
 
 def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]], without: Iterable[str] = ()) -> None:

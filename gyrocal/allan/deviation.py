@@ -19,20 +19,15 @@ the shorter average, so that the sum takes steps of an eighth of it; angle white
 these. Beyond `REACH` of the longer average it is negligible.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from gyrocal.allan.terms import ANGLE_WHITE, RAMP, compute_term_covariance
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
-Counts = NDArray[np.intp]
 
 FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
 DIFFERENCE_WEIGHTS = (1.0, -2.0, 1.0)
@@ -46,9 +41,9 @@ class Deviation:
     """Overlapping Allan deviation."""
 
     sample_s: float  # length of a sample, s
-    factors: Counts  # (t,) samples in an average, m
+    factors: Indices  # (t,) samples in an average, m
     variance: Array  # (t,) overlapping Allan variance, in the square of the rate's unit
-    counts: Counts  # (t,) differences it rests on
+    counts: Indices  # (t,) differences it rests on
     lengths: tuple[int, ...]  # samples of each stretch
 
     @property
@@ -68,13 +63,8 @@ class Deviation:
         return np.sqrt(degrees * self.variance / low), np.sqrt(degrees * self.variance / high)
 
 
-def list_octaves(longest: int) -> Counts:
-    """(t,) averaging factors 1, 2, 4 … of which a stretch of so many samples holds at least m differences."""
-    return np.asarray(2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1), dtype=np.intp)
-
-
 def overlapping_allan_deviation(
-    parts: Sequence[Array], sample_s: float, factors: Sequence[int] | Counts | None = None
+    parts: Sequence[Array], sample_s: float, factors: Sequence[int] | Indices | None = None
 ) -> Deviation:
     """Overlapping Allan deviation of some stretches of samples.
 
@@ -92,7 +82,9 @@ def overlapping_allan_deviation(
         raise InputError(
             f"Allan deviation: the longest stretch has {longest} samples; at least {FEWEST_STRETCH_SAMPLES} are needed"
         )
-    chosen = list_octaves(longest) if factors is None else np.asarray(factors, dtype=np.intp)
+    if factors is None:  # 1, 2, 4 … of which the longest stretch holds at least m differences
+        factors = 2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1)
+    chosen = np.asarray(factors, dtype=np.intp)
     if chosen.size == 0 or chosen.min() < 1 or 2 * chosen.max() > longest:
         raise InputError(f"Allan deviation: averaging factors must be from 1 to {longest // 2}, half the longest stretch")
     total, counts = np.zeros(chosen.size), np.zeros(chosen.size, dtype=np.intp)
@@ -122,7 +114,7 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     reach_s = DECAY * time_constant_s / found.sample_s
     coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
 
-    def compute_kappa(lags: Counts) -> Array:
+    def compute_kappa(lags: Indices) -> Array:
         parts = (
             square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
             for term, square in coloured.items()
@@ -151,7 +143,7 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     return out
 
 
-def _count_pairs(lags: Counts, a: int, b: int, lengths: tuple[int, ...]) -> Array:
+def _count_pairs(lags: Indices, a: int, b: int, lengths: tuple[int, ...]) -> Array:
     """Number of pairs of differences (i over a, j over b) of one stretch with i − j = lag, all stretches together."""
     total = np.zeros(len(lags))
     for n in lengths:
@@ -161,7 +153,7 @@ def _count_pairs(lags: Counts, a: int, b: int, lengths: tuple[int, ...]) -> Arra
     return total
 
 
-def _smooth(lags: Counts, a: int, b: int, kappa: Callable[[Counts], Array]) -> Array:
+def _smooth(lags: Indices, a: int, b: int, kappa: Callable[[Indices], Array]) -> Array:
     """c_ab at some lags, ascending, for κ as a function of the lag."""
     single = _compute_white_weights(a, b)
     step = int(lags[1] - lags[0])

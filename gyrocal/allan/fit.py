@@ -12,8 +12,6 @@ good as the best but for less than its price are listed as alternatives, since b
 walk can often stand for one another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -21,14 +19,12 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 
 from gyrocal.allan.deviation import Deviation, estimate_covariance
 from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, RAMP, RANDOM_WALK, TERMS, compute_allan_variance
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
 
 PRICE = 9.0  # of χ², for each number of a term: three sigma
 CHI2_TIE_MARGIN = 4.0  # of χ² and prices, up to which a set is as good as the best

@@ -18,12 +18,9 @@ Q is the standard deviation of the angle's white noise: that of a readout, or q/
 calls quantization noise. All but the ramp and the sinusoid are linear in the square of their coefficient.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
     "angle white noise",

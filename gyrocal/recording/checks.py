@@ -1,17 +1,13 @@
 """What makes the parts of a recording valid; each check raises an `InputError` that says where it is not, and what to do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
-
-Array = NDArray[np.float64]
 
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible

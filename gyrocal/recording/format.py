@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
 from gyrocal.recording import checks, header, sensor_tables, tables
@@ -29,7 +29,6 @@ from gyrocal.recording.tables import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATE
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"

@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 SUN_COUNT_COLUMNS = ("count_alpha", "count_beta")
 PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
@@ -63,7 +63,7 @@ class PenetrationAngles:
 
     t_s: Array  # (n,) s since the epoch, increasing
     angles: Array  # (n, 4) rad; of any value where not used
-    used: NDArray[np.bool_]  # (n, 4)
+    used: Mask  # (n, 4)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Ephemeris:
     position: Array  # (n, 3) from the Earth's centre, inertial, m
     sun: Array  # (n, 3) unit vectors, inertial
 
-    def rows(self, t_s: Array) -> NDArray[np.intp]:
+    def rows(self, t_s: Array) -> Indices:
         """Rows of some times, each of which is there."""
         return np.searchsorted(self.t_s, t_s - SAME_TIME_S)
 
@@ -193,6 +193,6 @@ def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], fini
     return np.asarray(values)
 
 
-def _refuse(name: str, bad: NDArray[np.bool_], what: str) -> None:
+def _refuse(name: str, bad: Mask, what: str) -> None:
     if bad.any():
         raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

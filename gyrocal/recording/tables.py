@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import sensor_tables
@@ -26,7 +25,6 @@ from gyrocal.recording.sensor_tables import SensorTables
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")

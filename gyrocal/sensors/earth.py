@@ -32,12 +32,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 EQUATORIAL_RADIUS, POLAR_RADIUS = 6378137.0, 6356752.314245  # m, WGS 84
 # s of each quadrant

@@ -16,12 +16,9 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 class SensorModel(Protocol):
@@ -102,7 +99,7 @@ class SensorSeries:
             raise InputError(f"{name}: row {_find_first(missing)}: a measurement is not finite but its sigma is")
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Mask:
         """(n, m) numbers to be used."""
         return np.isfinite(self.sigma)
 

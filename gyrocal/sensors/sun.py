@@ -27,14 +27,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.errors import InputError
 from gyrocal.sensors.series import SensorSeries
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # R publishes the form of (5) and no coefficients. These are made up: 14-bit counts with the boresight at their middle,
 # 0.0083° a count there, sines of 0.02° and 0.01°.
@@ -88,11 +85,11 @@ class SunSensor:
         alpha, beta = self.coefficients_alpha, self.coefficients_beta
         return np.stack([_evaluate_transfer(N[..., 0], alpha), _evaluate_transfer(N[..., 1], beta)], axis=-1)
 
-    def in_view(self, angles: Array) -> NDArray[np.bool_]:
+    def in_view(self, angles: Array) -> Mask:
         """(n,) both angles (n, 2) within the field of view."""
         return np.asarray((np.abs(angles) <= self.half_fov).all(axis=-1))
 
-    def series(self, t: Array, counts: npt.ArrayLike, sun: Array, visible: NDArray[np.bool_] | None = None) -> SensorSeries:
+    def series(self, t: Array, counts: npt.ArrayLike, sun: Array, visible: Mask | None = None) -> SensorSeries:
         """Measurements ready for an estimator.
 
         Parameters
