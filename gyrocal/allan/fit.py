@@ -100,21 +100,16 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     sets = _fit_all_sets(build(rough.squares, rough.time_constant_s))
     least = min(one.cost for one in sets)
     # Sets worth a thought, each under the covariance that it predicts itself: a trend scatters less than noise of its size.
-    sets = sorted(
-        (_refine_set(one, build) for one in sets if one.cost < least + CANDIDATE_CHI2_MARGIN), key=lambda one: one.cost
-    )
+    sets = [_refine_set(one, build) for one in sets if one.cost < least + CANDIDATE_CHI2_MARGIN]
+    sets.sort(key=lambda one: one.cost)
     best = sets[0]
     problem = build(best.squares, best.time_constant_s)
     # A set that is the best with a term more that it does not need is no alternative.
     alike = [one for one in sets[1:] if one.cost < best.cost + CHI2_TIE_MARGIN and not set(best.terms) < set(one.terms)]
-    return Fit(
-        estimates=tuple(_estimate(term, best, problem) for term in TERMS),
-        degrees=problem.degrees,
-        model=floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0),
-        chi2=best.chi2,
-        dof=found.factors.size - best.logs.size,
-        alternatives=tuple(one.terms for one in alike),
-    )
+    estimates = tuple(_estimate(term, best, problem) for term in TERMS)
+    model = floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0)
+    dof = found.factors.size - best.logs.size
+    return Fit(estimates, problem.degrees, model, best.chi2, dof, tuple(one.terms for one in alike))
 
 
 @dataclass(frozen=True)
@@ -154,29 +149,20 @@ class _Problem:
     degrees: Array  # (t,) equivalent degrees of freedom of each estimate
 
     @cached_property
-    def _units(self) -> dict[str, Array]:
-        """Allan variance of each term per square of its coefficient, but for Markov noise, whose time constant is fitted."""
-        return {term: compute_allan_variance(term, self.tau_s) for term in TERMS if term != MARKOV}
+    def _units(self) -> dict[tuple[str, float], Array]:
+        return {}  # by term and time constant, which residuals and their derivatives share
 
-    @cached_property
-    def _last_markov(self) -> dict[float, Array]:
-        """Allan variance of Markov noise at the last time constant, which residuals and their derivatives share."""
-        return {}
-
-    def _compute_markov_variance(self, logs: Array) -> Array:
-        """(t,) Allan variance of Markov noise per square of its coefficient."""
-        constant = self.limit_time_constant(logs)
-        if constant not in self._last_markov:
-            self._last_markov.clear()
-            self._last_markov[constant] = compute_allan_variance(MARKOV, self.tau_s, constant)
-        return self._last_markov[constant]
+    def _compute_unit_variance(self, term: str, logs: Array) -> Array:
+        """(t,) Allan variance of a term per square of its coefficient."""
+        key = term, self.limit_time_constant(logs) if term == MARKOV else 1.0
+        if key not in self._units:
+            self._units[key] = compute_allan_variance(term, self.tau_s, key[1])
+        return self._units[key]
 
     def compute_term_variances(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(terms, t) Allan variance of each term."""
         squares = np.exp(2 * np.clip(logs[: len(terms)], -LARGEST_LOG, LARGEST_LOG))
-        return squares[:, None] * np.array(
-            [self._compute_markov_variance(logs) if term == MARKOV else self._units[term] for term in terms]
-        )
+        return squares[:, None] * np.array([self._compute_unit_variance(term, logs) for term in terms])
 
     def limit_time_constant(self, logs: Array) -> float:
         """The last number as a time constant, kept between half a sample's and twice the longest averaging time, s."""
@@ -184,9 +170,8 @@ class _Problem:
 
     def compute_residuals(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(t,) whitened."""
-        return np.asarray(
-            self.whitening @ (self.logs - np.log(self.known + self.compute_term_variances(terms, logs).sum(axis=0)))
-        )
+        model = self.known + self.compute_term_variances(terms, logs).sum(axis=0)
+        return np.asarray(self.whitening @ (self.logs - np.log(model)))
 
     def compute_jacobian(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(t, n) derivative of the whitened residuals."""
@@ -195,7 +180,7 @@ class _Problem:
         rows = [2 * share / total for share in shares]
         if MARKOV in terms:
             share, moved = shares[terms.index(MARKOV)], np.append(logs[:-1], logs[-1] + SHIFT)
-            now, then = self._compute_markov_variance(logs), self._compute_markov_variance(moved)
+            now, then = self._compute_unit_variance(MARKOV, logs), self._compute_unit_variance(MARKOV, moved)
             rows.append(share * (then / now - 1) / total / SHIFT)
         return np.asarray(-self.whitening @ np.array(rows).T)
 

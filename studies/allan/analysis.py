@@ -4,7 +4,7 @@ Lines are taken out first, found in the spectrum as those of a diagnosis are, si
 that other terms could pass for. What the references add where they were taken out of the rates is known, and no term.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -122,23 +122,20 @@ def _estimate_axis_noise(
         return overlapping_allan_deviation([one for one in own_parts if one.size], sample_s)
 
     deviation = compute_deviation(one.rates for one in parts)
-    floor = _simulate_reference_variance(parts, compute_deviation)
+    # Errors of the references are in the rates from which these are taken out.
+    draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
+    generators = [generator(0, case, "allan references") for case in range(draws)]
+    drawn = [compute_deviation(one.draw_reference_rates(rng) for one in parts).variance for rng in generators]
+    floor = np.asarray(np.mean(drawn, axis=0))
     fit = fit_terms(compute_deviation(clean), floor)
     low, high = deviation.band(fit.degrees, BOUND_CONFIDENCE)
     tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    found = ((place, find_rate_step(rates[measured[place], axis])) for place, rates in enumerate(clean))
-    steps = tuple(
-        (place, replace(step, at=int(np.flatnonzero(measured[place])[step.at]))) for place, step in found if step is not None
-    )
-    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
-
-
-def _simulate_reference_variance(parts: tuple[Stretch, ...], compute_deviation: Callable[[list[Array]], Deviation]) -> Array:
-    """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
-    draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
-    generators = [generator(0, case, "allan references") for case in range(draws)]
-    found = [compute_deviation([one.draw_reference_rates(rng) for one in parts]).variance for rng in generators]
-    return np.asarray(np.mean(found, axis=0))
+    steps = []
+    for place, (rates, own) in enumerate(zip(clean, measured, strict=True)):
+        step = find_rate_step(rates[own, axis])
+        if step is not None:
+            steps.append((place, replace(step, at=int(np.flatnonzero(own)[step.at]))))
+    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, tuple(steps))
 
 
 def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[list[LineSearch], list[Array]]:

@@ -163,19 +163,15 @@ def _build_stretch(
     if part.stop - part.start < 256:
         return None
     edges = np.append(gyro.t_s[part], gyro.t_s[part.stop - 1] + gyro.sample_s)
-    attitude = interpolate_attitudes(t, turned, edges)
+    # A cubic spline of quaternions assumes nothing of the rate at the ends.
+    q = turned.as_quat()
+    same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
+    q[1:] *= np.cumprod(np.where(same == 0, 1.0, same))[:, None]
+    attitude = Rotation.from_quat(scipy.interpolate.CubicSpline(t, q)(edges))
     motion = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(edges)[:, None]
     found = parameters()
     rates = gyro.rates[part] @ found.G.T + found.bias - motion
     return Stretch(interval.name, part, False, rows.size, p, rates, sigma, t, edges)
-
-
-def interpolate_attitudes(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
-    """Attitudes at other times by a cubic spline of quaternions, in which nothing is assumed of the rate at the ends."""
-    q = attitudes.as_quat()
-    same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
-    q[1:] *= np.cumprod(np.where(same == 0, 1.0, same))[:, None]
-    return Rotation.from_quat(scipy.interpolate.CubicSpline(t_s, q)(at_s))
 
 
 def compute_constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:

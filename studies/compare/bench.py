@@ -94,7 +94,10 @@ class PreparedScenario:
         ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
         sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
-        places = _find_predicted_amplitudes(scenario.effects)
+        # Amplitudes of the effects that are functions of the motion.
+        counts = [REGISTRY[one.effect].amplitudes(one).size for one in scenario.effects]
+        predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in scenario.effects]
+        places = np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
         stated = _compute_response(scenario, plain, scenario.effects)
         base = ruler.state(plain)
         Q = np.linalg.qr(base.H)[0]
@@ -152,13 +155,6 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
     names = [interval.name for interval in recording.intervals]
     if names != [interval.name for interval in flown.intervals]:
         raise InputError(f"{name}: has intervals of other names than the recording's {', '.join(names)}")
-
-
-def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
-    """Places of the amplitudes of the effects that are functions of the motion."""
-    counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
-    predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in effects]
-    return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
 
 
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
