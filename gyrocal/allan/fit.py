@@ -298,5 +298,6 @@ def _solve_upper_bound(term: str, best: _TermSet, problem: _Problem, constant: f
         least = min(least, now)
         if now > least + CHI2_LIMIT_95:
             limit = least + CHI2_LIMIT_95
-            return float(np.exp(scipy.optimize.brentq(lambda log: compute_chi2(log) - limit, low, high, xtol=1e-3)))  # noqa: B023
+            found = scipy.optimize.brentq(lambda log, level: compute_chi2(log) - level, low, high, (limit,), xtol=1e-3)
+            return float(np.exp(found))
     return float("inf")

@@ -238,7 +238,7 @@ def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
         drawn.append(panels.make_curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    key = {"legend": "outside right center", "legend_title": "reference\nsigma (deg)"}
+    key: dict[str, Any] = {"legend": "outside right center", "legend_title": "reference\nsigma (deg)"}
     return panels.build_sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", **key)
 
 

@@ -245,7 +245,7 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
 
 def build_step(row: Mapping[Any, Any]) -> Step:
     """Build a step of a budget from its row."""
-    share = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
+    share: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
     return Step(row["step"], row["misfit"], row["misfit_deg"], *share)
 
 
