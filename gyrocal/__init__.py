@@ -50,8 +50,9 @@ def __getattr__(name: str) -> _Any:
         raise AttributeError(f"module 'gyrocal' has no attribute {name!r}")
     if name != "__all__" and _find_spec(f"gyrocal.{name}") is not None:  # a module of the package is no public name
         return _import_module(f"gyrocal.{name}")
-    public = _import_module("gyrocal.public")
-    names = {**{one: getattr(public, one) for one in public.__all__}, "__all__": [*public.__all__, "__version__"]}
+    public = vars(_import_module("gyrocal.public"))
+    names = {one: value for one, value in public.items() if not one.startswith("_")}
+    names["__all__"] = [*names, "__version__"]
     if name not in names:
         raise AttributeError(f"module 'gyrocal' has no attribute {name!r}")
     globals().update(names)

@@ -1,18 +1,13 @@
 """Attitude algebra over scipy's `Rotation`, in the papers' convention.
 
-A(q) maps inertial components to body components (passive), q scalar last. scipy's `Rotation` is active, so A(q) is the
-*inverse* of ``Rotation.from_quat(q)``. With a body rate ω, dA/dt = −[ω×] A, hence a constant rate over Δt gives
-A(t + Δt) = exp(−[ω×]Δt) A(t).
-
-The attitude residual is N (16), exp([θ×]) = A_obs A_propᵀ. N (29) as printed has the opposite sign: with [a×]b = a × b,
-½ [δA₂₃ − δA₃₂, …] = −θ to first order. Both forms here carry the sign of N (16).
+Frames and signs are those of `gyrocal`. N (29) as printed has the opposite sign of N (16): with [a×]b = a × b,
+½ [δA₂₃ − δA₃₂, …] = −θ to first order. Both residuals here carry the sign of N (16).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 
 def cross_matrix(v: Array) -> Array:
@@ -47,12 +42,5 @@ def residual(A_obs: Array, A_prop: Array) -> Array:
 
 def residual_linear(A_obs: Array, A_prop: Array) -> Array:
     """Attitude residual by the linear form N (29), in the sign of N (16), rad; exact to third order in θ."""
-    delta = A_obs @ np.swapaxes(A_prop, -1, -2)
-    return 0.5 * np.stack(
-        [
-            delta[..., 2, 1] - delta[..., 1, 2],
-            delta[..., 0, 2] - delta[..., 2, 0],
-            delta[..., 1, 0] - delta[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    d = A_obs @ np.swapaxes(A_prop, -1, -2)
+    return 0.5 * np.stack([d[..., 2, 1] - d[..., 1, 2], d[..., 0, 2] - d[..., 2, 0], d[..., 1, 0] - d[..., 0, 1]], axis=-1)

@@ -18,14 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 TEMPORARY = ".tmp"  # how the names of temporary files end
-
-
 LINK = "is a symbolic link, which is not written through; give the file that it leads to, or remove it"
-
-
-def is_opened(path: Path) -> bool:
-    """Whether a path is /dev/stdout or a descriptor under /dev/fd, which leads to /proc: a link to what the shell opened."""
-    return bool(re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent))) and path.is_symlink()
 
 
 def is_replaced(path: Path) -> bool:
@@ -33,9 +26,10 @@ def is_replaced(path: Path) -> bool:
 
     An `OSError` if it is a symbolic link.
     """
-    if is_opened(path):
-        return False
     if path.is_symlink():
+        # /dev/stdout, or a descriptor under /dev/fd, which leads to /proc: a link to what the shell opened.
+        if re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent)):
+            return False
         raise OSError(errno.ELOOP, LINK, str(path))
     return path.is_file() or not path.exists()
 
@@ -54,38 +48,26 @@ def open_replacement(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
                 yield file
             return
         # Exclusive: neither a file nor a link that somebody else put there is written to, nor removed below.
-        with open(temporary, "xb") as file, _remove_on_error(temporary):
-            yield file
-            file.close()
-            os.replace(temporary, path)
+        with open(temporary, "xb") as file:
+            try:
+                yield file
+                file.close()
+                os.replace(temporary, path)
+            except BaseException:
+                temporary.unlink(missing_ok=True)
+                raise
     except OSError as error:
         if error.filename not in (None, str(temporary)):
             raise
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
 
 
-@contextmanager
-def _remove_on_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
-
-
 def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]], without: Iterable[str] = ()) -> None:
-    """Replace a set of files in a folder together; if one cannot be written, all old files stay.
+    """Replace files in a folder together, and remove those `without`; if one cannot be written, all old files stay.
 
-    The last file is removed before the first rename and comes back with the last one. A process killed in between leaves a
-    folder without it, which is seen to be incomplete, never a complete set of old and new files.
-
-    Raises an `OSError` with the name of a file that cannot be written.
-
-    Parameters
-    ----------
-    folder : created if it does not exist
-    files : function that writes each file, by name; the last file is one that no reader can do without
-    without : names of files to remove from the folder
+    The last file is one that no reader can do without. It is removed before the first rename and comes back with the last one:
+    a process killed in between leaves a folder that is seen to be incomplete, never a complete set of old and new files. An
+    `OSError` has the name of a file that cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:

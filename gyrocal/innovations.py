@@ -12,12 +12,10 @@ makes one large innovation where it begins and another one where it ends; a sing
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
-
-Array = NDArray[np.float64]
 
 PASSES = 2  # of the integration: the second one with the rates of the first one's fit
 ROBUST_FIT_ROUNDS = 8  # of the robust fit
@@ -30,8 +28,8 @@ EARLIEST_S = 1e-6  # two references closer than that are one
 class Innovations:
     """Innovations of the references of a recording."""
 
-    first: NDArray[np.intp]  # (k,) rows of the two references of each step
-    second: NDArray[np.intp]
+    first: Indices  # (k,) rows of the two references of each step
+    second: Indices
     duration_s: Array  # (k,) time between them
     turned: Array  # (k, 3) rotation vector of the body by the gyro, after the fit, rad
     values: Array  # (k, 3) innovations after the fit, rad
@@ -39,7 +37,7 @@ class Innovations:
 
 
 def compute_innovations(
-    begin_s: Array, rates: Array, t_s: Array, quaternions: Array, interval: NDArray[np.intp], sigma: Array, arw: float
+    begin_s: Array, rates: Array, t_s: Array, quaternions: Array, interval: Indices, sigma: Array, arw: float
 ) -> Innovations:
     """Compute the innovations of all references that follow one another in an interval.
 

@@ -39,7 +39,8 @@ from gyrocal.files import open_replacement
 PACKAGE_LAYERS = ("gyrocal", "simulator", "diagnosis", "studies")
 CACHE_FOLDER_PREFIX = f"compiled-{sys.implementation.cache_tag}-"  # of the folders' names
 CACHE_VERSIONS = (sys.version, numba.__version__, metadata.version("llvmlite"), np.__version__)
-ELSEWHERE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")  # settings that change no code; joblib gives its workers the latter
+# Settings that change no code: joblib gives its workers the latter, and nothing here is parallel.
+ELSEWHERE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 DIGEST = hashlib.sha256().digest_size
 
 logger = logging.getLogger(__name__)
@@ -150,11 +151,6 @@ def _make_private_folder(path: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
 
 
-def _list_settings() -> list[tuple[str, str]]:
-    """List the environment's settings of numba that change the code: not the threads, as nothing here is parallel."""
-    return sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
-
-
 class _Store(NullCache):
     """The compiled code of one function on disk, as numba's dispatchers ask for it."""
 
@@ -205,8 +201,9 @@ class _Store(NullCache):
         """Build the key of compiled code: function, types, processor, and the values in its closure."""
         code, closure = self.function.__code__, self.function.__closure__ or ()
         names = (self.function.__module__, self.function.__qualname__, str(code.co_firstlineno))
+        settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
         own = hashlib.sha256(code.co_code + dumps(tuple(cell.cell_contents for cell in closure))).hexdigest()
-        return (*names, str(signature), repr(codegen.magic_tuple()), repr(_list_settings()), own)
+        return (*names, str(signature), repr(codegen.magic_tuple()), repr(settings), own)
 
     def _find_path(self, key: tuple[str, ...]) -> Path | None:
         found = find_cache_folder(self.package)

@@ -1,14 +1,10 @@
 """Rests of the body: where they are, the bias in each, and the speed of the body by the attitudes."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.mask_runs import find_mask_runs
-
-Array = NDArray[np.float64]
 
 REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
 FEWEST_REST_SAMPLES = 5  # samples in it

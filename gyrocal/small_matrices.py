@@ -4,11 +4,9 @@ The linear algebra of numpy, as numba compiles it, takes seconds to compile and 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-
-Array = NDArray[np.float64]
 
 
 @compile_cached

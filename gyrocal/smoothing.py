@@ -21,14 +21,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.jit_cache import compile_cached
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 POLYNOMIAL_ORDER = 2  # of the local polynomial in the rate
 AGREEMENT_SIGMAS = 4.0  # sigma; tens of thousands of samples
@@ -111,7 +108,7 @@ def _smooth_with_windows(rates: Array, windows: Sequence[int], sigma: float) -> 
 
 
 @compile_cached
-def _tighten_limits(estimate: Array, weight: Array, width: float, going: Flags, low: Array, high: Array) -> None:
+def _tighten_limits(estimate: Array, weight: Array, width: float, going: Mask, low: Array, high: Array) -> None:
     """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
     for k in range(estimate.size):
         going[k] &= low[k] <= estimate[k] <= high[k]
@@ -119,7 +116,7 @@ def _tighten_limits(estimate: Array, weight: Array, width: float, going: Flags, 
         high[k] = min(high[k], estimate[k] + width * weight[k])
 
 
-def _keep_rows_of_three(marked: Flags) -> Flags:
+def _keep_rows_of_three(marked: Mask) -> Mask:
     """Those marked that are three in a row or more; noise alone marks one here and there, and motion all over its bend."""
     core = marked[:-2] & marked[1:-1] & marked[2:]
     out = np.zeros(marked.size, dtype=bool)
@@ -130,7 +127,7 @@ def _keep_rows_of_three(marked: Flags) -> Flags:
 
 
 @compile_cached
-def _compute_ramp(stops: Flags, length: float) -> Array:
+def _compute_ramp(stops: Mask, length: float) -> Array:
     """Distance of each sample from the nearest one that stops, over a length; one at most."""
     out = np.empty(stops.size)
     away = length

@@ -8,24 +8,32 @@ over all M differences of second order inside stretches without a hole; those of
 952, annex C.
 
 M overlapping differences are not M independent ones. The estimate is distributed as σ² χ²(ν)/ν with ν = 2 E² / Var equivalent
-degrees of freedom, which depend on the kinds of noise: `gyrocal.allan.covariance` gives the variance.
+degrees of freedom, which depend on the kinds of noise. For Gaussian noise and z^a, z^b the second differences over a and b
+samples,
+
+    Cov[Σ_i (z_i^a)², Σ_j (z_j^b)²] = Σ_ij [2 c_ab(i − j)² + 4 d_a d_b c_ab(i − j)],
+
+with c_ab(k) = Σ_st α_s α_t κ(k + s a − t b), α = (1, −2, 1), κ of `gyrocal.allan.terms`, and d_a = R (a τ₀)² what a rate ramp
+adds to every difference: those of Greenhall & Riley (35th PTTI, 2003) for any mixture of noise. c_ab is smooth on the scale of
+the shorter average, so that the sum takes steps of an eighth of it; angle white noise, which sits at single lags, is added at
+these. Beyond `REACH` of the longer average it is negligible.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from gyrocal.allan.terms import ANGLE_WHITE, RAMP, compute_term_covariance
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
 
-Array = NDArray[np.float64]
-Counts = NDArray[np.intp]
-
 FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
+DIFFERENCE_WEIGHTS = (1.0, -2.0, 1.0)
+FINE_AVERAGE_STEPS = 8  # steps in the shorter average
+REACH = 8  # longer averages, beyond which second differences have nothing in common
+DECAY = 6  # time constants, beyond which Markov noise has not
 
 
 @dataclass(frozen=True)
@@ -33,9 +41,9 @@ class Deviation:
     """Overlapping Allan deviation."""
 
     sample_s: float  # length of a sample, s
-    factors: Counts  # (t,) samples in an average, m
+    factors: Indices  # (t,) samples in an average, m
     variance: Array  # (t,) overlapping Allan variance, in the square of the rate's unit
-    counts: Counts  # (t,) differences it rests on
+    counts: Indices  # (t,) differences it rests on
     lengths: tuple[int, ...]  # samples of each stretch
 
     @property
@@ -55,13 +63,8 @@ class Deviation:
         return np.sqrt(degrees * self.variance / low), np.sqrt(degrees * self.variance / high)
 
 
-def list_octaves(longest: int) -> Counts:
-    """(t,) averaging factors 1, 2, 4 … of which a stretch of so many samples holds at least m differences."""
-    return np.asarray(2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1), dtype=np.intp)
-
-
 def overlapping_allan_deviation(
-    parts: Sequence[Array], sample_s: float, factors: Sequence[int] | Counts | None = None
+    parts: Sequence[Array], sample_s: float, factors: Sequence[int] | Indices | None = None
 ) -> Deviation:
     """Overlapping Allan deviation of some stretches of samples.
 
@@ -79,7 +82,9 @@ def overlapping_allan_deviation(
         raise InputError(
             f"Allan deviation: the longest stretch has {longest} samples; at least {FEWEST_STRETCH_SAMPLES} are needed"
         )
-    chosen = list_octaves(longest) if factors is None else np.asarray(factors, dtype=np.intp)
+    if factors is None:  # 1, 2, 4 … of which the longest stretch holds at least m differences
+        factors = 2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1)
+    chosen = np.asarray(factors, dtype=np.intp)
     if chosen.size == 0 or chosen.min() < 1 or 2 * chosen.max() > longest:
         raise InputError(f"Allan deviation: averaging factors must be from 1 to {longest // 2}, half the longest stretch")
     total, counts = np.zeros(chosen.size), np.zeros(chosen.size, dtype=np.intp)
@@ -93,3 +98,79 @@ def overlapping_allan_deviation(
             total[place] += z @ z
             counts[place] += z.size
     return Deviation(sample_s, chosen, total / (2.0 * counts * chosen.astype(float) ** 2), counts, lengths)
+
+
+def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
+    """Covariance of the Allan variances of `found`, (t, t).
+
+    Parameters
+    ----------
+    squares : square of the coefficient of each term that is there
+    time_constant_s : of the Markov noise
+    """
+    factors = [int(m) for m in found.factors]
+    ramp = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2
+    out = np.zeros((len(factors), len(factors)))
+    reach_s = DECAY * time_constant_s / found.sample_s
+    coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
+
+    def compute_kappa(lags: Indices) -> Array:
+        parts = (
+            square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
+            for term, square in coloured.items()
+        )
+        return np.asarray(sum(parts, np.zeros(len(lags))))
+
+    for i, a in enumerate(factors):
+        for j, b in enumerate(factors[: i + 1]):
+            # Lags i − j at which c_ab is summed, and the number of pairs that each stands for.
+            step, reach = max(1, b // FINE_AVERAGE_STEPS), REACH * a + int(min(reach_s, 8 * REACH * a))
+            furthest = min(reach, max(found.lengths)) // step
+            lags = step * np.arange(-furthest, furthest + 1)
+            weights = step * _count_pairs(lags, a, b, found.lengths)
+            c = _smooth(lags, a, b, compute_kappa)
+            total = weights @ (2 * c**2 + 4 * ramp[i] * ramp[j] * c)
+            white = squares.get(ANGLE_WHITE, 0.0)
+            if white:
+                single = _compute_white_weights(a, b)
+                place = np.array(sorted(single), dtype=np.intp)
+                own = white * np.array([single[int(k)] for k in place])
+                smooth = _smooth(place, a, b, compute_kappa)
+                pairs = _count_pairs(place, a, b, found.lengths)
+                total += pairs @ (4 * smooth * own + 2 * own**2 + 4 * ramp[i] * ramp[j] * own)
+            scale = 4.0 * found.counts[i] * found.counts[j] * found.tau_s[i] ** 2 * found.tau_s[j] ** 2
+            out[i, j] = out[j, i] = total / scale
+    return out
+
+
+def _count_pairs(lags: Indices, a: int, b: int, lengths: tuple[int, ...]) -> Array:
+    """Number of pairs of differences (i over a, j over b) of one stretch with i − j = lag, all stretches together."""
+    total = np.zeros(len(lags))
+    for n in lengths:
+        first, second = n + 1 - 2 * a, n + 1 - 2 * b
+        if first > 0 and second > 0:
+            total += np.clip(np.minimum(first, second + lags) - np.maximum(0, lags), 0, None)
+    return total
+
+
+def _smooth(lags: Indices, a: int, b: int, kappa: Callable[[Indices], Array]) -> Array:
+    """c_ab at some lags, ascending, for κ as a function of the lag."""
+    single = _compute_white_weights(a, b)
+    step = int(lags[1] - lags[0])
+    if a % step or b % step or (np.diff(lags) != step).any():
+        return np.asarray(sum(weight * kappa(lags - lag) for lag, weight in single.items()))
+    # Moved by a multiple of their step the lags are mostly the same: κ is asked for once at each, not up to nine times.
+    low, high = int(lags[0]) - max(single), int(lags[-1]) - min(single)
+    at = kappa(np.arange(low, high + 1, step))
+    first = {lag: (int(lags[0]) - lag - low) // step for lag in single}
+    return np.asarray(sum(weight * at[first[lag] : first[lag] + len(lags)] for lag, weight in single.items()))
+
+
+def _compute_white_weights(a: int, b: int) -> dict[int, float]:
+    """c_ab of unit angle white noise at the lags where it is not zero."""
+    out: dict[int, float] = {}
+    for s, weight in enumerate(DIFFERENCE_WEIGHTS):
+        for t, other in enumerate(DIFFERENCE_WEIGHTS):
+            lag = t * b - s * a
+            out[lag] = out.get(lag, 0.0) + weight * other
+    return out

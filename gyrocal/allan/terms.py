@@ -2,7 +2,7 @@
 
 Every statistic of second differences of the angle θ follows from a function κ(t) with Cov[Σ a_i θ(t_i), Σ b_j θ(t_j)] =
 Σ a_i b_j κ(t_i − t_j) for all weights that annihilate a constant and a trend. Then E z² = 6 κ(0) − 8 κ(τ) + 2 κ(2τ), the Allan
-variance is that over 2τ², and covariances of Allan variances follow too (`gyrocal.allan.covariance`).
+variance is that over 2τ², and covariances of Allan variances follow too (`gyrocal.allan.deviation`).
 
 | term                   | spectrum of the rate, two-sided  | κ(t)                              | Allan variance       |
 |------------------------|----------------------------------|-----------------------------------|----------------------|
@@ -18,12 +18,9 @@ Q is the standard deviation of the angle's white noise: that of a readout, or q/
 calls quantization noise. All but the ramp and the sinusoid are linear in the square of their coefficient.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
     "angle white noise",

@@ -1,17 +1,13 @@
 """What makes the parts of a recording valid; each check raises an `InputError` that says where it is not, and what to do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
-
-Array = NDArray[np.float64]
 
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
@@ -44,11 +40,9 @@ def check_gyro(gyro: GyroStream) -> None:
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
     # Two numbers of all rates say whether there is such a row, in a tenth of the time that it takes to find it.
-    if gyro.rates.size and not -LARGEST_RATE <= gyro.rates.min() <= gyro.rates.max() <= LARGEST_RATE:
+    if not -LARGEST_RATE <= gyro.rates.min() <= gyro.rates.max() <= LARGEST_RATE:
         fast = np.flatnonzero((np.abs(gyro.rates) > LARGEST_RATE).any(axis=1))
-        if fast.size:
-            limit = np.rad2deg(LARGEST_RATE)
-            raise InputError(f"gyro: the rate in row {fast[0]} is beyond {limit:g} deg/s; is the unit right?")
+        raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
     spacing = np.diff(gyro.t_s)
     if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
         ratio = float(np.median(spacing)) / gyro.sample_s
@@ -62,24 +56,22 @@ def check_gyro(gyro: GyroStream) -> None:
         )
 
 
-def check_norms(quaternions: Array, what: str = "") -> None:
-    """Quaternions (m, 4) of norm 1."""
-    norms = np.linalg.norm(quaternions, axis=1)
-    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
-    if bad.size:
-        raise InputError(
-            f"{what}quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
-        )
-
-
 def check_attitudes(attitudes: Attitudes) -> None:
     """Check reference attitudes: increasing times, unit quaternions, sigmas in range, valid correlations."""
     check_times(attitudes.t_s, "attitude")
     count = attitudes.t_s.size
     if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
         raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
-    check_norms(attitudes.quaternions, "attitude: ")
-    check_sigmas(attitudes.sigma)
+    norms = np.linalg.norm(attitudes.quaternions, axis=1)
+    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
+    if bad.size:
+        text = f"quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
+        raise InputError(f"attitude: {text}")
+    low, high = SIGMA_RANGE
+    bad = np.flatnonzero(~((attitudes.sigma >= low) & (attitudes.sigma <= high)).all(axis=1))
+    if bad.size:
+        limits = f"{np.rad2deg(low):g} and {np.rad2deg(high):g} deg"
+        raise InputError(f"attitude: sigma in row {bad[0]} is not within {limits}")
     if attitudes.correlation is not None:
         if attitudes.correlation.shape != (count, 3):
             raise InputError("attitude: three correlations a row are needed, of x and y, x and z, y and z")
@@ -87,14 +79,6 @@ def check_attitudes(attitudes: Attitudes) -> None:
         bad = np.flatnonzero(~(np.linalg.eigvalsh(R)[:, 0] > SMALLEST_EIGENVALUE))
         if bad.size:
             raise InputError(f"attitude: the correlations in row {bad[0]} are those of no errors ({bad.size} such)")
-
-
-def check_sigmas(sigma: Array) -> None:
-    """Sigmas (m, 3) rad that an attitude can have."""
-    bad = np.flatnonzero(~((sigma >= SIGMA_RANGE[0]) & (sigma <= SIGMA_RANGE[1])).all(axis=1))
-    if bad.size:
-        low, high = np.rad2deg(SIGMA_RANGE)
-        raise InputError(f"attitude: sigma in row {bad[0]} is not within {low:g} and {high:g} deg")
 
 
 def check_intervals(intervals: tuple[Interval, ...]) -> None:

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
 from gyrocal.recording import checks, header, sensor_tables, tables
@@ -29,24 +29,15 @@ from gyrocal.recording.tables import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATE
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
 
 
 def load(folder: str | os.PathLike[str], *, without_references: bool = False) -> Recording:
-    """Load and validate a recording.
+    """Load and validate a recording, which may do without references if only its gyro's noise is of interest.
 
-    Parameters
-    ----------
-    folder : path of the recording's folder
-    without_references : whether it may do without reference attitudes, as for their noise alone
-
-    Raises
-    ------
-    InputError
-        One line saying which file, where in it, and what is wrong.
+    An `InputError` says in one line which file is wrong, where in it, and what.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -60,11 +51,10 @@ def load(folder: str | os.PathLike[str], *, without_references: bool = False) ->
 def _load(folder: Path, without_references: bool) -> Recording:
     said = header.read(folder / HEADER)
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *RATE_COLUMNS))
-    attitude_name, attitude = "attitude", None
     without_references = without_references and tables.find(folder, "attitude") is None
+    attitude_name, attitude = "attitude", None
     if not without_references:
-        wanted = ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS)
-        attitude_name, attitude = tables.read(folder, "attitude", wanted)
+        attitude_name, attitude = tables.read(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
     stream = _build_stream(said.gyro, gyro)
     with _name_in_error(folder):
@@ -94,14 +84,14 @@ def _load(folder: Path, without_references: bool) -> Recording:
 def _build_stream(said: header.GyroHeader, table: pd.DataFrame) -> GyroStream:
     """The samples of a table."""
     return GyroStream(
-        tables.convert_column(table, "t_s"),
-        np.deg2rad(tables.convert_columns(table, RATE_COLUMNS)),
-        said.sample_s,
-        float(np.deg2rad(said.arw_deg_per_sqrt_s)),
-        np.array(said.apriori_G),
-        np.deg2rad(said.apriori_bias_deg_s),
-        said.arw_estimated,
-        float("inf") if said.arw_dof is None else said.arw_dof,
+        t_s=_convert_columns(table, ("t_s",))[:, 0],
+        rates=np.deg2rad(_convert_columns(table, RATE_COLUMNS)),
+        sample_s=said.sample_s,
+        arw=float(np.deg2rad(said.arw_deg_per_sqrt_s)),
+        apriori_G=np.array(said.apriori_G),
+        apriori_bias=np.deg2rad(said.apriori_bias_deg_s),
+        arw_estimated=said.arw_estimated,
+        arw_degrees=float("inf") if said.arw_dof is None else said.arw_dof,
     )
 
 
@@ -111,13 +101,18 @@ def _read_attitudes(table: pd.DataFrame, said: header.AttitudeHeader) -> Attitud
     if correlated and len(correlated) < len(CORRELATION_COLUMNS):
         raise InputError(f"columns {', '.join(CORRELATION_COLUMNS)} go together; only {', '.join(correlated)} is there")
     return Attitudes(
-        t_s=tables.convert_column(table, "t_s"),
-        quaternions=tables.convert_columns(table, QUATERNION_COLUMNS),
-        sigma=np.deg2rad(tables.convert_columns(table, SIGMA_COLUMNS)),
+        t_s=_convert_columns(table, ("t_s",))[:, 0],
+        quaternions=_convert_columns(table, QUATERNION_COLUMNS),
+        sigma=np.deg2rad(_convert_columns(table, SIGMA_COLUMNS)),
         sigma_estimated=said.sigma_estimated,
-        correlation=tables.convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
+        correlation=_convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
         sigma_degrees=float("inf") if said.sigma_dof is None else said.sigma_dof,
     )
+
+
+def _convert_columns(table: pd.DataFrame, names: tuple[str, ...]) -> Array:
+    """Columns as numbers (n, columns)."""
+    return np.ascontiguousarray(table[list(names)].to_numpy(dtype=np.float64))
 
 
 @contextmanager

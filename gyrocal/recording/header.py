@@ -1,4 +1,4 @@
-"""recording.toml: what it must say, and how it is written.
+"""recording.toml: what it must say, how it is written, and the faults of a document in words.
 
 Format 2 may state the node and the argument of latitude of the orbit. What format 1 can hold is written in it.
 """
@@ -8,21 +8,40 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from gyrocal.errors import InputError
-from gyrocal.recording import bounds
-from gyrocal.recording.faults import format_validation_error
+from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
+from gyrocal.recording.tables import check_regular
+
+LARGEST_HEADER = 1 << 24  # bytes of recording.toml
 
 GainRow = Annotated[list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=3, max_length=3)]
+
+# Pydantic's messages as a person would say them, replaced in this order; the rest of a message stays as it is.
+MESSAGE_REPLACEMENTS = (
+    (r"^(Value|Assertion) error, ", ""),
+    (r"^Extra inputs are not permitted$", "is not known"),
+    (r"^Field required$", "is missing"),
+    (r"^Input should be ", "must be "),
+    (r"^Unable to extract tag using discriminator '(\w+)'$", r"\1 is missing"),
+    (r"^Input tag '(.*)' found using '(\w+)' does not match any of the expected tags: (.*)$", r"\2 is '\1', not one of \3"),
+    (r"^(?:List|Tuple|Dictionary|String) should have (at (?:least|most) \d+) (\w+).*$", r"must have \1 \2"),
+    (r"(a valid \w+), .*$", r"\1"),
+    (r"a valid dictionary(?: or (?:object|instance).*)?$", "a table"),
+    (r"a valid (?:list|tuple)$", "a list"),
+    (r"a valid string$", "text"),
+    (r"a valid integer$", "a whole number"),
+    (r"a valid boolean$", "true or false"),
+    (r"a valid number$", "a number"),
+)
 
 
 class _Model(BaseModel):
@@ -101,7 +120,9 @@ class Header(_Model):
 
 def read(path: Path) -> Header:
     """The header in a file."""
-    bounds.check_header(path)
+    check_regular(path)
+    if path.exists() and path.stat().st_size > LARGEST_HEADER:
+        raise InputError(f"{path}: {path.stat().st_size} bytes are no header of a recording, of {LARGEST_HEADER} at most")
     try:
         return Header.model_validate(read_toml(path))
     except ValidationError as error:
@@ -113,46 +134,29 @@ def format_header(recording: Recording) -> str:
     gyro, attitudes = recording.gyro, recording.attitudes
     known = {} if recording.orbit is None else vars(recording.orbit)
     orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
-    second = len(orbit) > 3
-    sections: list[tuple[str, dict[str, object]]] = [  # what is None is left out
-        (
-            "",
-            {
-                "format": 2 if second else 1,
-                "title": recording.title,
-                "epoch": recording.epoch,
-                "time_scale": recording.time_scale,
-            },
-        ),
-        (
-            "[gyro]",
-            {
-                "sample_s": float(gyro.sample_s),
-                "kind": "rate",
-                "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
-                "arw_estimated": gyro.arw_estimated or None,
-                "arw_dof": float(gyro.arw_degrees) if np.isfinite(gyro.arw_degrees) else None,
-                "apriori_G": gyro.apriori_G.tolist(),
-                "apriori_bias_deg_s": gyro.apriori_bias_deg_s.tolist(),
-            },
-        ),
-        (
-            "[attitude]",
-            {
-                "maps": "inertial to body",
-                "quaternion": "scalar last",
-                "sigma_estimated": attitudes.sigma_estimated or None,
-                "sigma_dof": float(attitudes.sigma_degrees) if np.isfinite(attitudes.sigma_degrees) else None,
-            },
-        ),
-        *([("[orbit]", orbit)] if orbit else []),
-        *(
-            ("[[interval]]", vars(one) | {"start_s": float(one.start_s), "stop_s": float(one.stop_s)})
-            for one in recording.intervals
-        ),
-    ]
+    version = 2 if len(orbit) > 3 else 1
+    top = {"format": version, "title": recording.title, "epoch": recording.epoch, "time_scale": recording.time_scale}
+    of_gyro = {
+        "sample_s": float(gyro.sample_s),
+        "kind": "rate",
+        "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
+        "arw_estimated": gyro.arw_estimated or None,
+        "arw_dof": float(gyro.arw_degrees) if np.isfinite(gyro.arw_degrees) else None,
+        "apriori_G": gyro.apriori_G.tolist(),
+        "apriori_bias_deg_s": gyro.apriori_bias_deg_s.tolist(),
+    }
+    of_attitudes = {
+        "maps": "inertial to body",
+        "quaternion": "scalar last",
+        "sigma_estimated": attitudes.sigma_estimated or None,
+        "sigma_dof": float(attitudes.sigma_degrees) if np.isfinite(attitudes.sigma_degrees) else None,
+    }
+    tags = [{"start_s": float(one.start_s), "stop_s": float(one.stop_s)} for one in recording.intervals]
+    intervals = [("[[interval]]", vars(one) | own) for one, own in zip(recording.intervals, tags, strict=True)]
     blocks = []
-    for title, entries in sections:
+    for title, entries in (("", top), ("[gyro]", of_gyro), ("[attitude]", of_attitudes), ("[orbit]", orbit), *intervals):
+        if not entries:
+            continue
         lines = [f"{key} = {format_toml(value)}" for key, value in entries.items() if value is not None]
         blocks.append("\n".join([title, *lines] if title else lines))
     return "\n\n".join(blocks) + "\n"
@@ -186,3 +190,39 @@ def format_toml(value: object) -> str:
     if isinstance(value, Iterable):
         return "[" + ", ".join(format_toml(item) for item in value) + "]"
     raise TypeError(f"no TOML form for {value!r}")
+
+
+def format_validation_error(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """All faults of a validated document in one line, each by its path; an unknown key with those of the model."""
+    parts = []
+    for fault in error.errors(include_url=False):
+        text = str(fault["msg"])
+        for pattern, words in MESSAGE_REPLACEMENTS:
+            text = re.sub(pattern, words, text)
+        if fault["type"] == "extra_forbidden" and model is not None:
+            known = _list_keys(model, fault["loc"][:-1])
+            text += f"; {suggest_names(str(fault['loc'][-1]), known)}" if known else ""
+        parts.append(f"{'.'.join(str(part) for part in fault['loc']) or 'document'}: {text}")
+    return "; ".join(parts)
+
+
+def _list_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Keys of the table at a path of a document; none where that is not known."""
+    here: list[type[BaseModel]] = [model]
+    for part in path:
+        if isinstance(part, int):
+            continue  # an item of a list is what the list holds
+        # The model of a union that this tag stands for.
+        tagged = [kind for kind in here if any(part in get_args(field.annotation) for field in kind.model_fields.values())]
+        inside = [found for kind in here if part in kind.model_fields for found in _list_models(kind.model_fields[part])]
+        here = inside or tagged or here
+    return list(dict.fromkeys(key for kind in here for key in kind.model_fields))
+
+
+def _list_models(field: Any) -> Iterator[type[BaseModel]]:
+    """The models in the type of a field, or a part of a type."""
+    kind = getattr(field, "annotation", field)
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind
+    for inner in (*get_args(kind), *getattr(kind, "__metadata__", ())):
+        yield from _list_models(inner)

@@ -7,7 +7,7 @@ may state neither; then what it states of its rows must at least agree.
 
 import hashlib
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import pandas as pd
 import pyarrow as pa
@@ -27,12 +27,8 @@ def write(frame: pd.DataFrame, file: BinaryIO) -> None:
 def read(path: Path) -> pd.DataFrame:
     """Read a table.
 
-    Raises
-    ------
-    ValueError
-        It does not hold what it states, or has two columns of one name.
-    OSError, pyarrow.ArrowException
-        It is no Parquet file, or a page has another checksum than it states.
+    A `ValueError` if it does not hold what it states or has two columns of one name; an `OSError` or `pyarrow.ArrowException`
+    if it is no Parquet file, or a page has another checksum than it states.
     """
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         about, table = file.metadata, file.read()
@@ -50,13 +46,11 @@ def hash_table(table: pa.Table) -> bytes:
     """SHA-256 of the names, types and values of a table's columns, in hexadecimal."""
     hashed = hashlib.sha256()
     for name, column in zip(table.column_names, table.columns, strict=True):
-        for part in (repr(name).encode(), *_encode_column(column)):
-            hashed.update(part)
+        hashed.update(repr(name).encode())
+        if pa.types.is_primitive(column.type):  # however it is cut into chunks
+            hashed.update(str(column.type).encode())
+            hashed.update(pc.is_valid(column).to_numpy().tobytes())
+            hashed.update(pc.drop_null(column).to_numpy().tobytes())
+        else:  # text and the like, which have many types
+            hashed.update(repr(column.to_pylist()).encode())
     return hashed.hexdigest().encode()
-
-
-def _encode_column(column: Any) -> list[bytes]:
-    """A column's type and values, however it is cut into chunks; of text and the like, which have many types, the values."""
-    if not pa.types.is_primitive(column.type):
-        return [repr(column.to_pylist()).encode()]
-    return [str(column.type).encode(), pc.is_valid(column).to_numpy().tobytes(), pc.drop_null(column).to_numpy().tobytes()]

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array, Indices
 
 FORWARD_AXES = ("+x", "-x", "+y", "-y", "none")
 AXES = np.arange(3)
@@ -147,7 +146,7 @@ def build_empty_attitudes() -> Attitudes:
     return Attitudes(np.empty(0), np.empty((0, 4)), np.empty((0, 3)))
 
 
-def find_reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:
+def find_reference_rows(t_s: Array, interval: Interval) -> Indices:
     """Indices of the reference attitudes inside an interval, both ends included."""
     inside = (t_s >= interval.start_s - TIME_TOLERANCE_S) & (t_s <= interval.stop_s + TIME_TOLERANCE_S)
     return np.flatnonzero(inside)

@@ -26,10 +26,7 @@ MOST_REPR_LINES = 15  # of a repr, at most
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything the calibrator gets to see.
-
-    One with `without_references` may have none, and shows the noise of its gyros only.
-    """
+    """Everything the calibrator gets to see; `without_references` it may have none, and shows the gyro's noise only."""
 
     title: str
     epoch: str
@@ -67,7 +64,7 @@ class Recording:
         epoch: str = "2000-01-01T00:00:00",
         time_scale: str = "seconds of the arrays",
     ) -> Recording:
-        """A recording of arrays.
+        """A recording of arrays; an `InputError` if shapes do not fit, or the recording would not be valid.
 
         Parameters
         ----------
@@ -80,11 +77,6 @@ class Recording:
         bias : (3,) a-priori b, rad/s
         intervals : one over all references by default
         title, epoch, time_scale : of the recording
-
-        Raises
-        ------
-        InputError
-            Shapes do not fit, or the recording would not be valid.
         """
         tags, raw, when, q = (np.array(values, dtype=np.float64) for values in (t_s, rates, reference_t_s, quaternions))
         if raw.ndim != 2 or len(raw) != tags.size or tags.ndim != 1:
@@ -114,17 +106,14 @@ class Recording:
     def from_frame(cls, gyro: pd.DataFrame, attitude: pd.DataFrame, *, arw_deg_per_sqrt_s: float, **options: Any) -> Recording:
         """A recording of two tables with the columns of the files, in degrees.
 
+        An `InputError` if a column is missing, or the recording would not be valid.
+
         Parameters
         ----------
         gyro : t_s, rate_x_deg_s … z
         attitude : t_s, q1 … q4, sigma_x_deg … z
         arw_deg_per_sqrt_s : angle random walk
         options : bias_deg_s, and what else `from_arrays` takes by name
-
-        Raises
-        ------
-        InputError
-            A column is missing, or the recording would not be valid.
         """
         for name, table, needed in (
             ("gyro", gyro, ("t_s", *RATE_COLUMNS)),
@@ -146,16 +135,9 @@ class Recording:
         )
 
     def to_frame(self, table: str = "gyro") -> pd.DataFrame:
-        """A table with the columns of the files, in degrees.
+        """The table "gyro", "attitude" or another one of the recording, with the columns of the files, in degrees.
 
-        Parameters
-        ----------
-        table : "gyro", "attitude", or one of the optional tables that the recording has
-
-        Raises
-        ------
-        InputError
-            It has none of that name.
+        An `InputError` if there is none of that name.
         """
         found = build_frames(self.gyro, self.attitudes, self.tables, self.sensors)
         if table not in found:
@@ -163,13 +145,7 @@ class Recording:
         return found[table].copy()
 
     def to_xarray(self) -> xarray.Dataset:
-        """Rates, references and intervals as one labelled data set, in degrees; xarray is an optional extra.
-
-        Raises
-        ------
-        InputError
-            It is not installed.
-        """
+        """Rates, references and intervals as one labelled data set, in degrees; an `InputError` without xarray."""
         try:
             import xarray
         except ImportError:
@@ -204,11 +180,12 @@ class Recording:
         )
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        """List the facts of a recording, a row a quantity."""
+        """List the facts of a recording, a row for each quantity."""
         gyro, attitudes = self.gyro, self.attitudes
         lengths = [one.stop_s - one.start_s for one in self.intervals]
         fastest = np.rad2deg(np.linalg.norm(gyro.rates, axis=1).max())
         sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0))) if attitudes.t_s.size else np.empty(0)
+        sigma_text = f", sigma {', '.join(f'{value:.3g}' for value in sigma)} deg"
         rows = [
             ("title", self.title),
             ("epoch", f"{self.epoch} ({self.time_scale})"),
@@ -216,10 +193,7 @@ class Recording:
             ("fastest rate", f"{fastest:.4g} deg/s"),
             ("angle random walk", f"{np.rad2deg(gyro.arw):.4g} deg/sqrt(s)"),
             ("a-priori bias", f"{', '.join(f'{value:.4g}' for value in np.rad2deg(gyro.apriori_bias))} deg/s"),
-            (
-                "references",
-                f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg" if sigma.size else "none",
-            ),
+            ("references", f"{attitudes.t_s.size}{sigma_text}" if sigma.size else "none"),
             ("intervals", f"{len(lengths)} of {min(lengths):.6g} to {max(lengths):.6g} s"),
         ]
         tables = [*self.tables, *(["sensor tables"] if self.sensors is not None else [])]

@@ -21,19 +21,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
-SENSOR_TABLE_NAMES = ("sun_sensor", "earth_sensor", "ephemeris")
 SUN_COUNT_COLUMNS = ("count_alpha", "count_beta")
 PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
 USED = tuple(f"used_{i}" for i in range(1, 5))
 POSITION = ("position_x_m", "position_y_m", "position_z_m")
 SUN_DIRECTION_COLUMNS = ("sun_x", "sun_y", "sun_z")
+OWN_COLUMNS = {  # of each table: with one of them it is meant to be such a table
+    "sun_sensor": ("sensor", *SUN_COUNT_COLUMNS),
+    "earth_sensor": (*PENETRATIONS, *USED),
+    "ephemeris": ("t_s", *POSITION, *SUN_DIRECTION_COLUMNS),
+}
 SAME_TIME_S = 1e-6
 UNIT = 1e-5  # |s| − 1 of a direction written with six digits
 NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
@@ -59,7 +63,7 @@ class PenetrationAngles:
 
     t_s: Array  # (n,) s since the epoch, increasing
     angles: Array  # (n, 4) rad; of any value where not used
-    used: NDArray[np.bool_]  # (n, 4)
+    used: Mask  # (n, 4)
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Ephemeris:
     position: Array  # (n, 3) from the Earth's centre, inertial, m
     sun: Array  # (n, 3) unit vectors, inertial
 
-    def rows(self, t_s: Array) -> NDArray[np.intp]:
+    def rows(self, t_s: Array) -> Indices:
         """Rows of some times, each of which is there."""
         return np.searchsorted(self.t_s, t_s - SAME_TIME_S)
 
@@ -100,12 +104,7 @@ class SensorTables:
 
 def list_known_tables(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
     """Names of the tables that `read` understands, or that try to be so."""
-    own = {
-        "sun_sensor": ("sensor", *SUN_COUNT_COLUMNS),
-        "earth_sensor": (*PENETRATIONS, *USED),
-        "ephemeris": ("t_s", *POSITION, *SUN_DIRECTION_COLUMNS),
-    }
-    return tuple(name for name in SENSOR_TABLE_NAMES if name in frames and set(own[name]) & set(frames[name].columns))
+    return tuple(name for name, own in OWN_COLUMNS.items() if name in frames and set(own) & set(frames[name].columns))
 
 
 def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
@@ -113,9 +112,11 @@ def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
     names = list_known_tables(frames)
     if not names:
         return None
-    sun = _read_sun(frames["sun_sensor"]) if "sun_sensor" in names else None
-    earth = _read_earth(frames["earth_sensor"]) if "earth_sensor" in names else None
-    return SensorTables(sun, earth, _read_ephemeris(frames["ephemeris"]) if "ephemeris" in names else None)
+    return SensorTables(
+        _read_sun(frames["sun_sensor"]) if "sun_sensor" in names else None,
+        _read_earth(frames["earth_sensor"]) if "earth_sensor" in names else None,
+        _read_ephemeris(frames["ephemeris"]) if "ephemeris" in names else None,
+    )
 
 
 def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
@@ -140,20 +141,18 @@ def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
 
 
 def _read_sun(frame: pd.DataFrame) -> SunCounts:
-    t_s = _read_numbers(frame, "sun_sensor", ("t_s",))[:, 0]
-    sensor, counts = (
-        _read_numbers(frame, "sun_sensor", ("sensor",))[:, 0],
-        _read_numbers(frame, "sun_sensor", SUN_COUNT_COLUMNS),
-    )
-    for name, values in (("sensor", sensor), ("count_alpha", counts[:, 0]), ("count_beta", counts[:, 1])):
-        _refuse("sun_sensor", values != np.round(values), f"{name} is not a whole number")
-    _refuse("sun_sensor", (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
-    _refuse("sun_sensor", np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
+    name = "sun_sensor"
+    t_s, sensor = (_read_numbers(frame, name, (column,))[:, 0] for column in ("t_s", "sensor"))
+    counts = _read_numbers(frame, name, SUN_COUNT_COLUMNS)
+    for column, values in zip(("sensor", *SUN_COUNT_COLUMNS), (sensor, *counts.T), strict=True):
+        _refuse(name, values != np.round(values), f"{column} is not a whole number")
+    _refuse(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
+    _refuse(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
     for number in np.unique(sensor):
         own = np.flatnonzero(sensor == number)
         again = np.zeros(t_s.size, dtype=bool)
         again[own] = np.diff(t_s[own], prepend=-np.inf) <= 0
-        _refuse("sun_sensor", again, f"sensor {number:g} has two rows of one time")
+        _refuse(name, again, f"sensor {number:g} has two rows of one time")
     return SunCounts(t_s, sensor.astype(np.int64), counts)
 
 
@@ -194,6 +193,6 @@ def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], fini
     return np.asarray(values)
 
 
-def _refuse(name: str, bad: NDArray[np.bool_], what: str) -> None:
+def _refuse(name: str, bad: Mask, what: str) -> None:
     if bad.any():
         raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

@@ -1,33 +1,39 @@
 """The tables of a recording: found and read from its folder, and made from what it holds.
 
-Files are in degrees, objects in radians.
+Files are in degrees, objects in radians. What a file claims is looked at before it is read: a pipe without a writer waits for
+ever, /dev/zero never ends, and a Parquet file of a kilobyte may hold 10⁹ equal values. Its footer says how many; CSV tells its
+columns in its first line, and cannot hold more than its size.
 """
 
 from __future__ import annotations
 
+import os
+import stat
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording import sensor_tables
 from gyrocal.recording.parts import Attitudes, GyroStream
 from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
 CORRELATION_COLUMNS = ("rho_xy", "rho_xz", "rho_yz")  # optional, of the errors of an attitude about two body axes
-OPTIONAL_TABLES = ("housekeeping", "masked", *sensor_tables.SENSOR_TABLE_NAMES)
+OPTIONAL_TABLES = ("housekeeping", "masked", *sensor_tables.OWN_COLUMNS)
+MOST_VALUES = 400_000_000  # in a table, 3.2 GB; 10⁷ samples of four columns are a tenth of it
+MOST_FILE_COLUMNS = 1000
+LARGEST_LINE = 1 << 20  # bytes of names
 
 
 def find(folder: Path, name: str) -> Path | None:
@@ -42,19 +48,20 @@ def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.Da
     """A table and its file's name."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
+    from gyrocal.recording import parquet  # late, as pandas
+
     path = find(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
-    bounds.check_table(path)
+    _check_claimed_size(path)
     try:
-        frame = _read_parquet(path) if path.suffix == ".parquet" else read_csv_file(path)
+        frame = parquet.read(path) if path.suffix == ".parquet" else read_csv_file(path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read: {' '.join(str(fault).split())}") from None
     missing = [column for column in required if column not in frame.columns]
     if missing:
-        hint = ""
         close = [str(c) for c in frame.columns if any(str(c).startswith(m.rsplit("_deg", 1)[0]) for m in missing)]
         if len(frame.columns) == 1:
             hint = "; is the separator a comma?"
@@ -76,10 +83,35 @@ def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.Da
     return path.name, frame
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
-    from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
+def check_regular(path: Path) -> None:
+    """Refuse a folder, pipe or device; a missing file is left for the reader to report."""
+    try:
+        mode = os.stat(path).st_mode
+    except OSError:
+        return
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: not a regular file; a recording is read from files, not from folders, pipes or devices")
 
-    return parquet.read(path)
+
+def _check_claimed_size(path: Path) -> None:
+    """Refuse a table that is no regular file or claims more than can be read; a damaged one is left to whoever reads it."""
+    import pyarrow as pa  # late, as pandas
+    import pyarrow.parquet as pq
+
+    check_regular(path)
+    rows, columns = 0, 0
+    if path.suffix == ".parquet":
+        with suppress(pa.ArrowException, OSError):
+            about = pq.read_metadata(path)
+            rows, columns = int(about.num_rows), int(about.num_columns)
+    else:
+        with path.open("rb") as file:
+            columns = file.readline(LARGEST_LINE).count(b",") + 1
+    if columns > MOST_FILE_COLUMNS:
+        raise InputError(f"{path}: {columns} columns, of {MOST_FILE_COLUMNS} at most; keep those that are needed")
+    if rows * columns > MOST_VALUES:
+        what = f"{rows} rows of {columns} columns are more than can be read, {MOST_VALUES} values"
+        raise InputError(f"{path}: {what}; cut the recording into parts")
 
 
 def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
@@ -104,34 +136,17 @@ def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
             raise ValueError(text) from None
 
 
-def convert_column(frame: pd.DataFrame, name: str) -> Array:
-    """A column as numbers (n,)."""
-    return frame[name].to_numpy(dtype=np.float64)
-
-
-def convert_columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
-    """Columns as numbers (n, columns)."""
-    return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
-
-
 def build_frames(
     gyro: GyroStream, attitudes: Attitudes, others: Mapping[str, pd.DataFrame], sensors: SensorTables | None
 ) -> dict[str, pd.DataFrame]:
     """The tables of a recording as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    of_gyro = ["t_s", *RATE_COLUMNS]
-    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
+    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, gyro.rates_deg_s]), columns=["t_s", *RATE_COLUMNS])}
     if attitudes.t_s.size:
-        columns, values = (
-            ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
-            [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg],
-        )
+        columns = ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS]
+        values = [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg]
         if attitudes.correlation is not None:
             columns, values = [*columns, *CORRELATION_COLUMNS], [*values, attitudes.correlation]
         own["attitude"] = pd.DataFrame(np.column_stack(values), columns=columns)
-    return {
-        **own,
-        **others,
-        **(sensor_tables.build_sensor_frames(sensors) if sensors is not None else {}),
-    }
+    return own | dict(others) | (sensor_tables.build_sensor_frames(sensors) if sensors is not None else {})

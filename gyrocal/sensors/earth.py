@@ -32,17 +32,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
 EQUATORIAL_RADIUS, POLAR_RADIUS = 6378137.0, 6356752.314245  # m, WGS 84
-QUADRANT_DIRECTIONS = np.sqrt(0.5) * np.array(
-    [[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]]
-)  # s of each quadrant
+# s of each quadrant
+QUADRANT_DIRECTIONS = np.sqrt(0.5) * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])
 
 #: b_ESA that R found with M_DSS-1 = I, in the order printed there, rad. R lists the quadrants as NE, NW, SE, SW in the text
 #: but does not say that the biases are in that order, nor their sign. With the sign and the flight direction (+x forward)
@@ -53,7 +49,7 @@ TRMM_BIASES = np.deg2rad([-0.1574, 0.04635, -0.09414, -0.05382])
 
 @dataclass(frozen=True)
 class EarthSensor:
-    """An Earth sensor with four quadrants.
+    """An Earth sensor with four quadrants; an `InputError` if it has not four finite biases and a positive sigma.
 
     Attributes
     ----------
@@ -62,11 +58,6 @@ class EarthSensor:
     altitude : nominal altitude above the equatorial radius, at which a sphere's horizon has the angle zero, m
     sigma : noise of an angle, 1-sigma, rad
     name : of the sensor
-
-    Raises
-    ------
-    InputError
-        There are not four finite biases, or sigma is not positive.
     """
 
     biases: Array
@@ -108,6 +99,8 @@ class EarthModel:
 
     sensor: EarthSensor
     position: Array
+    size = 4
+    parameters = ("bias_1", "bias_2", "bias_3", "bias_4")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", np.asarray(self.position, dtype=float))
@@ -118,16 +111,6 @@ class EarthModel:
     def name(self) -> str:
         """Name of the sensor."""
         return self.sensor.name
-
-    @property
-    def size(self) -> int:
-        """Four angles."""
-        return 4
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The four biases."""
-        return ("bias_1", "bias_2", "bias_3", "bias_4")
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """Expected penetration angles at attitudes (n, 3, 3); (n, 4), NaN where a scan plane misses the Earth."""

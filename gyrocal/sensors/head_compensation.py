@@ -27,14 +27,11 @@ The published (c, d)
     by 0.05° at 38°.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 
 @dataclass(frozen=True)

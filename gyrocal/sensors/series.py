@@ -16,12 +16,9 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 class SensorModel(Protocol):
@@ -59,6 +56,9 @@ class SensorModel(Protocol):
 class SensorSeries:
     """Measurements of one sensor.
 
+    An `InputError` if the arrays do not fit each other or the model, a time does not ascend, a sigma is not positive, or a
+    number to be used is not finite.
+
     Attributes
     ----------
     model : their model, for which row k is the k-th measurement
@@ -66,12 +66,6 @@ class SensorSeries:
     y : (n, m) measurements; any value, NaN too, where sigma is infinite
     sigma : (n, m) 1-sigma of the noise, in the unit of y; infinite where a number is not to be used (out of view, quadrant
         dropped)
-
-    Raises
-    ------
-    InputError
-        The arrays do not fit each other or the model, a time does not ascend, a sigma is not positive, or a number to be
-        used is not finite.
     """
 
     model: SensorModel
@@ -105,7 +99,7 @@ class SensorSeries:
             raise InputError(f"{name}: row {_find_first(missing)}: a measurement is not finite but its sigma is")
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Mask:
         """(n, m) numbers to be used."""
         return np.isfinite(self.sigma)
 

@@ -27,14 +27,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.errors import InputError
 from gyrocal.sensors.series import SensorSeries
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # R publishes the form of (5) and no coefficients. These are made up: 14-bit counts with the boresight at their middle,
 # 0.0083° a count there, sines of 0.02° and 0.01°.
@@ -47,7 +44,7 @@ SUN_ANGLE_SIGMA = float(np.deg2rad(0.0056))  # 0.005° of noise (not published) 
 
 @dataclass(frozen=True)
 class SunSensor:
-    """Digital sun sensor.
+    """Digital sun sensor; an `InputError` if a matrix is no rotation, or a shape or number cannot be used.
 
     Attributes
     ----------
@@ -57,11 +54,6 @@ class SunSensor:
     coefficients_alpha, coefficients_beta : (9,) a and b of R (5), a₅, a₈, a₉ and their like in rad
     half_fov : largest angle of either head, rad
     sigma : 1-sigma of each angle, rad
-
-    Raises
-    ------
-    InputError
-        A matrix is no rotation, or a shape or number cannot be used.
     """
 
     name: str
@@ -73,12 +65,8 @@ class SunSensor:
     sigma: float = SUN_ANGLE_SIGMA
 
     def __post_init__(self) -> None:
-        for what, shape in (
-            ("alignment", (3, 3)),
-            ("misalignment", (3, 3)),
-            ("coefficients_alpha", (9,)),
-            ("coefficients_beta", (9,)),
-        ):
+        shapes = {"alignment": (3, 3), "misalignment": (3, 3), "coefficients_alpha": (9,), "coefficients_beta": (9,)}
+        for what, shape in shapes.items():
             value = np.asarray(getattr(self, what), dtype=float)
             if value.shape != shape or not np.isfinite(value).all():
                 raise InputError(f"{self.name}: {what} must be {shape} finite numbers")
@@ -94,16 +82,14 @@ class SunSensor:
     def angles(self, counts: npt.ArrayLike) -> Array:
         """(α, β) of counts (n, 2) by R (5), rad; (n, 2)."""
         N = np.asarray(counts, dtype=float)
-        return np.stack(
-            [_evaluate_transfer(N[..., 0], self.coefficients_alpha), _evaluate_transfer(N[..., 1], self.coefficients_beta)],
-            axis=-1,
-        )
+        alpha, beta = self.coefficients_alpha, self.coefficients_beta
+        return np.stack([_evaluate_transfer(N[..., 0], alpha), _evaluate_transfer(N[..., 1], beta)], axis=-1)
 
-    def in_view(self, angles: Array) -> NDArray[np.bool_]:
+    def in_view(self, angles: Array) -> Mask:
         """(n,) both angles (n, 2) within the field of view."""
         return np.asarray((np.abs(angles) <= self.half_fov).all(axis=-1))
 
-    def series(self, t: Array, counts: npt.ArrayLike, sun: Array, visible: NDArray[np.bool_] | None = None) -> SensorSeries:
+    def series(self, t: Array, counts: npt.ArrayLike, sun: Array, visible: Mask | None = None) -> SensorSeries:
         """Measurements ready for an estimator.
 
         Parameters

@@ -4,7 +4,7 @@ Lines are taken out first, found in the spectrum as those of a diagnosis are, si
 that other terms could pass for. What the references add where they were taken out of the rates is known, and no term.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,12 +86,10 @@ class NoiseAnalysis:
 
     def to_json(self) -> dict[str, Any]:
         """Everything as numbers with their units."""
+        unit, factor = COEFFICIENT_UNITS[RANDOM_WALK]
         return {
             "recording": self.recording,
-            "stated_angle_random_walk": {
-                "value": self.arw * COEFFICIENT_UNITS[RANDOM_WALK][1],
-                "unit": COEFFICIENT_UNITS[RANDOM_WALK][0],
-            },
+            "stated_angle_random_walk": {"value": self.arw * factor, "unit": unit},
             "confidence": BOUND_CONFIDENCE,
             "stretches": [describe_stretch(one) for one in self.stretches],
             "axes": {axis: _describe_axis(one, self.stretches) for axis, one in zip(AXIS_NAMES, self.axes, strict=True)},
@@ -124,25 +122,20 @@ def _estimate_axis_noise(
         return overlapping_allan_deviation([one for one in own_parts if one.size], sample_s)
 
     deviation = compute_deviation(one.rates for one in parts)
-    floor = _simulate_reference_variance(parts, compute_deviation)
+    # Errors of the references are in the rates from which these are taken out.
+    draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
+    generators = [generator(0, case, "allan references") for case in range(draws)]
+    drawn = [compute_deviation(one.draw_reference_rates(rng) for one in parts).variance for rng in generators]
+    floor = np.asarray(np.mean(drawn, axis=0))
     fit = fit_terms(compute_deviation(clean), floor)
     low, high = deviation.band(fit.degrees, BOUND_CONFIDENCE)
     tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    found = ((place, find_rate_step(rates[measured[place], axis])) for place, rates in enumerate(clean))
-    steps = tuple(
-        (place, replace(step, at=int(np.flatnonzero(measured[place])[step.at]))) for place, step in found if step is not None
-    )
-    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
-
-
-def _simulate_reference_variance(parts: tuple[Stretch, ...], compute_deviation: Callable[[list[Array]], Deviation]) -> Array:
-    """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
-    draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
-    found = []
-    for case in range(draws):
-        rng = generator(0, case, "allan references")
-        found.append(compute_deviation([one.draw_reference_rates(rng) for one in parts]).variance)
-    return np.asarray(np.mean(found, axis=0))
+    steps = []
+    for place, (rates, own) in enumerate(zip(clean, measured, strict=True)):
+        step = find_rate_step(rates[own, axis])
+        if step is not None:
+            steps.append((place, replace(step, at=int(np.flatnonzero(own)[step.at]))))
+    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, tuple(steps))
 
 
 def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[list[LineSearch], list[Array]]:
@@ -220,17 +213,12 @@ def describe_step(place: int, step: RateStep, parts: tuple[Stretch, ...]) -> dic
 
 def _describe_axis(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
     terms = {}
-    for estimate in map(convert_to_display_unit, one.fit.estimates):
-        entry = {
-            "seen": estimate.seen,
-            "unit": COEFFICIENT_UNITS[estimate.term][0],
-            "value": estimate.value,
-            "sigma": estimate.sigma,
-        }
-        entry["upper_95"] = estimate.upper
-        if estimate.term == MARKOV:
-            entry |= {"time_constant_s": estimate.time_constant_s, "time_constant_sigma_s": estimate.time_constant_sigma_s}
-        terms[estimate.term] = entry
+    for found in map(convert_to_display_unit, one.fit.estimates):
+        entry = {"seen": found.seen, "unit": COEFFICIENT_UNITS[found.term][0], "value": found.value, "sigma": found.sigma}
+        entry["upper_95"] = found.upper
+        if found.term == MARKOV:
+            entry |= {"time_constant_s": found.time_constant_s, "time_constant_sigma_s": found.time_constant_sigma_s}
+        terms[found.term] = entry
     lines_found = [
         {"frequency_hz": line.frequency_hz, "amplitude": line.amplitude * RATE, "sigma": line.sigma * RATE, "unit": RATE_UNIT}
         for line in one.sinusoid.found

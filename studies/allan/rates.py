@@ -1,12 +1,9 @@
 """The noise of a gyro in a recording, as stretches of rates of which the motion is taken out.
 
-Only stretches count in which the mean rate does not visibly change from one twenty samples to the next, without what beside a
-motion goes with it beyond the noise; of a body that moves gently all the time nothing would be left, and that stays. In a
-stretch the references decide. Where they agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀ fitted to them, it is
-a *rest*: a constant rate does not enter second differences, and the raw rates are used as they are. Where they deny it, what
-they say of the motion is taken out of the calibrated rates: the mean over each sample of the rate of a cubic spline through
-them.
-That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
+docs/allan.md says which stretches count. Where the references agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀
+fitted to them, a stretch is a *rest*: a constant rate does not enter second differences, and the raw rates are used as they
+are. Where they deny it, the mean over each sample of the rate of a cubic spline through them is taken out of the calibrated
+rates. That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
 """
 
 from collections.abc import Callable
@@ -166,19 +163,15 @@ def _build_stretch(
     if part.stop - part.start < 256:
         return None
     edges = np.append(gyro.t_s[part], gyro.t_s[part.stop - 1] + gyro.sample_s)
-    attitude = interpolate_attitudes(t, turned, edges)
+    # A cubic spline of quaternions assumes nothing of the rate at the ends.
+    q = turned.as_quat()
+    same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
+    q[1:] *= np.cumprod(np.where(same == 0, 1.0, same))[:, None]
+    attitude = Rotation.from_quat(scipy.interpolate.CubicSpline(t, q)(edges))
     motion = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(edges)[:, None]
     found = parameters()
     rates = gyro.rates[part] @ found.G.T + found.bias - motion
     return Stretch(interval.name, part, False, rows.size, p, rates, sigma, t, edges)
-
-
-def interpolate_attitudes(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
-    """Attitudes at other times by a cubic spline of quaternions, in which nothing is assumed of the rate at the ends."""
-    q = attitudes.as_quat()
-    same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
-    q[1:] *= np.cumprod(np.where(same == 0, 1.0, same))[:, None]
-    return Rotation.from_quat(scipy.interpolate.CubicSpline(t_s, q)(at_s))
 
 
 def compute_constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:

@@ -11,7 +11,8 @@ measurement. Two processes make them:
 Windows with an expected variance of `WINDOW_VARIANCE` for lost samples separate the two: a regular rate has at most 1/4.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,7 @@ FEWEST_WINDOWS = 3
 NEGLIGIBLE_SHARE = 0.01  # of lost samples: angle random walk and averaging times then change by 1 % at most
 
 
-@dataclass(frozen=True)
-class MeasuredSamples:
+class MeasuredSamples(NamedTuple):
     """A recording whose samples were measured."""
 
     recording: Recording  # without the repeats of a slower gyro
@@ -74,13 +74,7 @@ def select_measured_samples(recording: Recording) -> MeasuredSamples:
 
 
 def has_regular_rate(repeated: Mask, follows: Mask, share: float) -> bool:
-    """Decide whether samples that were measured come at a regular rate.
-
-    Parameters
-    ----------
-    repeated, follows : (n,) samples that repeat the one before, and samples that directly follow another
-    share : of the repeats among these
-    """
+    """Decide whether measured samples come at a regular rate, from which samples repeat the one before or directly follow."""
     size = int(np.ceil(WINDOW_VARIANCE / max(share * (1 - share), 1e-12)))
     changes = list[Array]()
     for low, high in find_mask_runs(follows):

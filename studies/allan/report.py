@@ -23,7 +23,6 @@ from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFoo
 from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, draw_panels, make_curves
 from studies.report.tables import NO_VALUE
 
-SINUSOID = "sinusoid"
 OFF = 4.0  # sigma, from which on a departure from what is stated is worth a sentence
 ALLAN_TERMS_NOTE = (
     "Sigma assumes that the terms not seen are zero; a bound is one-sided, 95 %. A term is not seen if the fit is as good "
@@ -40,25 +39,30 @@ def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
     rows = []
     for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         for one in axis.fit.estimates:
-            estimate, unit = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term][0]
-            row = {"axis": name, "term": one.term, "value": "not seen", "sigma": NO_VALUE, "unit": unit}
-            row |= {"time constant": NO_VALUE, "stated": NO_VALUE}
+            estimate, (unit, factor) = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term]
+            row = {"axis": name, "term": one.term, "value": f"not seen, below {estimate.upper:.2g}", "sigma": NO_VALUE}
+            row |= {"unit": unit, "time constant": NO_VALUE, "stated": NO_VALUE}
             if estimate.seen:
-                row |= {"value": tables.format_to_sigma(estimate.value, estimate.sigma)}
-                row |= {"sigma": tables.format_to_sigma(estimate.sigma, estimate.sigma)}
-            else:
-                row["value"] = f"not seen, below {estimate.upper:.2g}"
+                value, sigma = (tables.format_to_sigma(x, estimate.sigma) for x in (estimate.value, estimate.sigma))
+                row |= {"value": value, "sigma": sigma}
             if estimate.seen and one.term == MARKOV:
                 row["time constant"] = f"{estimate.time_constant_s:.3g} ± {estimate.time_constant_sigma_s:.2g} s"
-            if one.term == RANDOM_WALK:
-                row["stated"] = tables.format_number(found.arw * COEFFICIENT_UNITS[RANDOM_WALK][1]) if found.arw else NO_VALUE
+            if found.arw and one.term == RANDOM_WALK:
+                row["stated"] = tables.format_number(found.arw * factor)
             rows.append(row)
         rows += _build_sinusoid_rows(name, axis)
     return pd.DataFrame(rows)
 
 
 def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
-    base = {"axis": name, "term": SINUSOID, "sigma": NO_VALUE, "unit": RATE_UNIT, "time constant": NO_VALUE, "stated": NO_VALUE}
+    base = {
+        "axis": name,
+        "term": "sinusoid",
+        "sigma": NO_VALUE,
+        "unit": RATE_UNIT,
+        "time constant": NO_VALUE,
+        "stated": NO_VALUE,
+    }
     if not axis.sinusoid.found:
         upper = axis.sinusoid.upper * RATE
         period = {"time constant": f"periods up to {axis.sinusoid.longest_s:.3g} s"}

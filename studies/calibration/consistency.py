@@ -113,38 +113,27 @@ def run_case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dic
     mean, sigma = compute_prior_moments(config)
     truth = np.array([get_scenario_value(scenario, path) for path in PATHS]) * TO_SI
     start = GyroParameters.from_vector(mean)
+    right = require_converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2)))
     found = {
-        "with prior": require_converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2))),
+        "with prior": right,
         "without prior": require_converged(calibrate(seen, initial=start)),
         "references only": require_converged(calibrate(seen, initial=start, covariance_model="references only")),
     }
-    rows = [build_estimate_row(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
-    right = found["with prior"]
+    rows = [build_estimate_row(name, one.parameters.vector - truth, one.covariance) for name, one in found.items()]
     for name, (scale, shift) in PERTURBED_CONTROLS.items():
-        rows.append(
-            build_estimate_row(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance)
-        )
+        error = right.parameters.vector - truth + shift * right.sigma
+        rows.append(build_estimate_row(name, error, scale**2 * right.covariance))
     return rows
 
 
 def build_estimate_row(estimator: str, error: Array, covariance: Array) -> dict[str, object]:
-    """The row of an estimate.
-
-    Parameters
-    ----------
-    estimator : its name
-    error : (12,) estimate minus truth; G dimensionless, b rad/s
-    covariance : (12, 12) stated for it
-    """
+    """The row of an estimate, of its error (12,) and stated covariance (12, 12); G dimensionless, b rad/s."""
     sigma = np.sqrt(np.diag(covariance))
     L = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
     white = np.linalg.solve(L, error / sigma)
-    values = [*(error * PPM_DEG_H).tolist(), *(sigma * PPM_DEG_H).tolist(), *white.tolist()]
-    return {
-        "estimator": estimator,
-        "nees": float(white @ white),
-        **dict(zip([*ERRORS, *SIGMAS, *WHITE_COLUMNS], values, strict=True)),
-    }
+    values = np.concatenate([error * PPM_DEG_H, sigma * PPM_DEG_H, white]).tolist()
+    row: dict[str, object] = {"estimator": estimator, "nees": float(white @ white)}
+    return row | dict(zip([*ERRORS, *SIGMAS, *WHITE_COLUMNS], values, strict=True))
 
 
 def normalise_errors(rows: pd.DataFrame) -> dict[str, Array]:
@@ -166,20 +155,12 @@ def count_ranks(y: Array, bins: int) -> NDArray[np.intp]:
 
 
 def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.DataFrame:
-    """Judge one estimator by its rows.
+    """Judge one estimator by its rows: value, limits and verdict of each parameter, and the whole, and statistic.
 
-    Parameters
-    ----------
-    rows : a row per case, as made by `run_case`
-    confidence : probability that a consistent estimator passes everything
-    bins : of the rank histograms
-
-    Returns
-    -------
-    A row per parameter, and the whole, and statistic: value, lower and upper limit, verdict (consistent, over-confident,
-    under-confident or biased). The statistics are nees (mean over the cases per degree of freedom), mean (Hotelling's as F),
-    spread (variance of y about its mean), coverage_68 and coverage_95 (value is the share meant; limits are Wilson's about the
-    share found), rank (χ² of the histogram's uniformity) and rank_band (bins outside their simultaneous binomial band).
+    The statistics are nees (mean over the cases per degree of freedom), mean (Hotelling's as F), spread (variance of y about
+    its mean), coverage_68 and coverage_95 (value is the share meant; limits are Wilson's about the share found), rank (χ² of
+    the histogram's uniformity) and rank_band (bins outside their simultaneous binomial band). A consistent estimator passes
+    everything with the stated confidence.
     """
     groups = normalise_errors(rows)
     each = 1 - (1 - confidence) / (7 * len(groups))
@@ -195,34 +176,25 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
     mean, square = y.mean(axis=0), np.sum(y**2, axis=1)
     hotelling = n * mean @ np.linalg.solve(np.atleast_2d(np.cov(y.T)), mean)
     nees = statistics.check_mean_nees(square, d, confidence)
-    limits = [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)]
     table: dict[str, list[float]] = {
         "nees": [nees.value / d, nees.lower / d, nees.upper / d],
-        "mean": limits,
+        "mean": [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)],
         "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
     }
     for level in ("68", "95"):
-        inside = int(np.sum(square <= scipy.stats.chi2.ppf(summaries.SIGMA_LEVELS[level], d)))
-        table[f"coverage_{level}"] = [
-            summaries.SIGMA_LEVELS[level],
-            *statistics.compute_binomial_interval(inside, n, confidence),
-        ]
+        share = summaries.SIGMA_LEVELS[level]
+        inside = int(np.sum(square <= scipy.stats.chi2.ppf(share, d)))
+        table[f"coverage_{level}"] = [share, *statistics.compute_binomial_interval(inside, n, confidence)]
     counts = count_ranks(y, bins)
     low, high = compute_binomial_band(n, 1 / bins, confidence, bins)
     table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
     table["rank_band"] = [float(np.sum((counts < low) | (counts > high))), 0.0, 0.0]
     out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
-    out["verdict"] = _decide_verdicts(out)
-    return out.reset_index()
-
-
-def _decide_verdicts(table: pd.DataFrame) -> list[str]:
-    """Decide the cause of each statistic that is outside its limits."""
-    outside = (table["value"] < table["lower"]) | (table["value"] > table["upper"])
-    spread = OVER_CONFIDENT if table["value"]["spread"] > 1 else UNDER_CONFIDENT
+    outside = (out["value"] < out["lower"]) | (out["value"] > out["upper"])
+    spread = OVER_CONFIDENT if out["value"]["spread"] > 1 else UNDER_CONFIDENT
     cause = BIASED_ESTIMATOR if outside["mean"] and not outside["spread"] else spread
-    causes = {"mean": BIASED_ESTIMATOR, "spread": spread}
-    return [str(causes.get(str(name), cause)) if out else CONSISTENT for name, out in outside.items()]
+    causes = pd.Series({"mean": BIASED_ESTIMATOR, "spread": spread}).reindex(out.index, fill_value=cause)
+    return out.assign(verdict=causes.where(outside, CONSISTENT)).reset_index()
 
 
 def summarise_verdicts(checks: pd.DataFrame) -> str:
@@ -240,14 +212,18 @@ def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> pd.DataFrame:
 def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
     def line(table: pd.DataFrame) -> dict[str, object]:
         whole = table[table["parameter"] == WHOLE].set_index("statistic")
-        row: dict[str, object] = {
+        nees = whole.loc["nees"]
+        return {
             "expected": EXPECTED_VERDICTS[table["estimator"].iloc[0]],
             "verdict": summarise_verdicts(table),
+            "statistics": len(table),
+            "outside": int((table["verdict"] != CONSISTENT).sum()),
+            "nees_per_dof": nees["value"],
+            "nees_per_dof_low": nees["lower"],
+            "nees_per_dof_high": nees["upper"],
+            "spread": whole.loc["spread", "value"],
+            "mean_F": whole.loc["mean", "value"],
         }
-        row |= {"statistics": len(table), "outside": int((table["verdict"] != CONSISTENT).sum())}
-        names = {"value": "nees_per_dof", "lower": "nees_per_dof_low", "upper": "nees_per_dof_high"}
-        row |= {name: whole.loc["nees", column] for column, name in names.items()}
-        return row | {"spread": whole.loc["spread", "value"], "mean_F": whole.loc["mean", "value"]}
 
     return summarise_groups(checks, ["estimator"], line)
 
@@ -271,29 +247,25 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     """Build the report: verdicts on the estimators that should be consistent and on the inconsistent controls."""
     judgements = judge(config, rows)
     verdicts = _build_verdict_table(judgements)
-    checks = [
-        Check(line["estimator"], line["verdict"], line["expected"], "", VERDICT_NOTE) for line in verdicts.to_dict("records")
-    ]
+    lines = verdicts.to_dict("records")
+    checks = [Check(line["estimator"], line["verdict"], line["expected"], "", VERDICT_NOTE) for line in lines]
     for line in verdicts[verdicts["expected"] == CONSISTENT].to_dict("records"):
         bounds = (line["nees_per_dof_low"], line["nees_per_dof_high"])
         checks.append(Check(f"mean NEES, {line['estimator']}", line["nees_per_dof"], bounds, "NEES/dof"))
         checks.append(Check(f"statistics outside their limits, {line['estimator']}", line["outside"], (0, 0)))
     right = rows[rows["estimator"] == "with prior"]
+    by_parameter = _build_parameter_table(right, judgements[judgements["estimator"] == "with prior"])
     note = f"All statistics of an estimator together have a confidence of {config.confidence:.0%}."
     tables = {
         "verdicts": Table(f"Verdicts, {rows['case'].nunique()} cases", verdicts, note),
-        "parameters": Table(
-            "With prior, by parameter (coverage with 95 % Wilson intervals)",
-            _build_parameter_table(right, judgements[judgements["estimator"] == "with prior"]),
-        ),
+        "parameters": Table("With prior, by parameter (coverage with 95 % Wilson intervals)", by_parameter),
     }
-    by_estimator = {name: normalise_errors(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED_VERDICTS}
-    by_parameter = {name: y for name, y in normalise_errors(right).items() if name != WHOLE}
+    estimators = {name: normalise_errors(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED_VERDICTS}
+    parameters = {name: y for name, y in normalise_errors(right).items() if name != WHOLE}
+    titles = "rank of the true G_xx within the posterior, by estimator", "rank of the truth within the posterior, with prior"
     figures = {
-        "ranks_by_estimator": _draw_rank_figure(
-            config, by_estimator, 3, "rank of the true G_xx within the posterior, by estimator"
-        ),
-        "ranks_by_parameter": _draw_rank_figure(config, by_parameter, 4, "rank of the truth within the posterior, with prior"),
+        "ranks_by_estimator": _draw_rank_figure(config, estimators, 3, titles[0]),
+        "ranks_by_parameter": _draw_rank_figure(config, parameters, 4, titles[1]),
     }
     return Report(tables, figures, tuple(checks))
 
@@ -302,13 +274,10 @@ def _draw_rank_figure(config: ConsistencyConfig, ranked: Samples, columns: int, 
     """Histograms with the band that all bins of all panels together keep to."""
     n = len(next(iter(ranked.values())))
     band = compute_binomial_band(n, 1 / config.bins, 1 - (1 - config.confidence) / len(ranked), config.bins)
-    found = [
-        panels.make_histogram(count_ranks(y, config.bins), n / config.bins, band, title=name) for name, y in ranked.items()
-    ]
-    size = (7.6, 0.5 + 1.45 * (len(ranked) // columns))
-    return panels.build_sheet(
-        *found, size=size, columns=columns, title=f"{title}; {n} cases, band {band[0]} to {band[1]} a bin"
-    )
+    counts = {name: count_ranks(y, config.bins) for name, y in ranked.items()}
+    found = [panels.make_histogram(count, n / config.bins, band, title=name) for name, count in counts.items()]
+    title = f"{title}; {n} cases, band {band[0]} to {band[1]} a bin"
+    return panels.build_sheet(*found, size=(7.6, 0.5 + 1.45 * (len(ranked) // columns)), columns=columns, title=title)
 
 
 STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, run_case, observed)

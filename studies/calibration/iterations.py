@@ -110,13 +110,8 @@ def _compute_remaining_error(rows: pd.DataFrame, k: int) -> pd.Series:
 
 
 def estimate_convergence_orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per direction and noise: slopes of log left over log left before, median over cases, and the ratio at factor 1.
-
-    Columns slope_k: of what iteration k leaves over what was left before it, across the factors; two is quadratic.
-    """
-    good = rows[rows["converged"]].assign(
-        **{f"left_{k}": _compute_remaining_error(rows, k) for k in range(SHOWN_ITERATIONS + 1)}
-    )
+    """A row per direction and noise: slope_k of log left after iteration k over log left before, and the ratio at factor 1."""
+    good = rows[rows["converged"]].assign(**{f"left_{k}": _compute_remaining_error(rows, k) for k in (0, 1, 2)})
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         row: dict[str, object] = {}
@@ -196,9 +191,8 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     def lines(part: pd.DataFrame) -> list[Line]:
         out = []
         for k, (colour, label) in ITERATION_STYLES.items():
-            quiet, noisy = (
-                (_compute_remaining_error(one, k).groupby(one["factor"])) for one in (part[~part["noise"]], part[part["noise"]])
-            )
+            left = _compute_remaining_error(part, k)
+            quiet, noisy = (left[own].groupby(part["factor"][own]) for own in (~part["noise"], part["noise"]))
             median, low, high = (noisy.quantile(share) for share in (0.5, 0.05, 0.95))
             out.append(Line(quiet.median().index, quiet.median(), "", colour, ":"))
             out.append(Line(median.index, median, label, colour, "-", low, high))

@@ -26,7 +26,7 @@ from gyrocal import NAMES, GyroParameters
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE, evaluate_observability
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
-from gyrocal.recording import Recording
+from gyrocal.recording import Recording, find_reference_rows
 from simulator.scenario import override
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, get_true_parameters
 from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
@@ -53,12 +53,8 @@ class ManeuversNeededConfig(GridConfig):
         intervals = len(load_base_scenario(self).interval)
         if intervals > MOST_INTERVALS:
             raise ValueError(f"scenario: has {intervals} intervals; all subsets of more than {MOST_INTERVALS} are too many")
-        return list(product(REFERENCE_PLACEMENTS, list_subsets(intervals)))
-
-
-def list_subsets(intervals: int) -> list[tuple[int, ...]]:
-    """All but the empty one, the smallest first."""
-    return [chosen for size in range(1, intervals + 1) for chosen in combinations(range(intervals), size)]
+        subsets = [chosen for size in range(1, intervals + 1) for chosen in combinations(range(intervals), size)]
+        return list(product(REFERENCE_PLACEMENTS, subsets))
 
 
 @build_once
@@ -66,10 +62,10 @@ def _simulate_all_intervals(
     config: ManeuversNeededConfig, simulation: NoiseFreeSimulation
 ) -> tuple[dict[str, Recording], GyroParameters]:
     """Simulate noise-free recordings of all intervals, by reference placement, and return the true parameters as well."""
-    spacing: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
     recordings = {}
     for kind in REFERENCE_PLACEMENTS:
-        scenario = override(simulation.scenario, {"reference.at": kind, **spacing[kind]})
+        spacing = {"reference.every_s": config.series_s} if kind == "series" else {}
+        scenario = override(simulation.scenario, {"reference.at": kind, **spacing})
         recordings[kind] = NoiseFreeSimulation.simulate(scenario).plain
     return recordings, get_true_parameters(simulation.scenario)
 
@@ -77,10 +73,8 @@ def _simulate_all_intervals(
 def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording:
     """The recording with some of its intervals and their references."""
     intervals = tuple(recording.intervals[k] for k in chosen)
-    seen = recording.attitudes
-    inside = np.any([(seen.t_s >= i.start_s - 1e-6) & (seen.t_s <= i.stop_s + 1e-6) for i in intervals], axis=0)
-    kept = replace(seen, t_s=seen.t_s[inside], quaternions=seen.quaternions[inside], sigma=seen.sigma[inside])
-    return replace(recording, attitudes=kept, intervals=intervals)
+    rows = np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in intervals]))
+    return replace(recording, attitudes=recording.attitudes.select_rows(rows), intervals=intervals)
 
 
 def run_case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
@@ -125,10 +119,7 @@ def find_minimal_subsets(rows: pd.DataFrame) -> pd.DataFrame:
 def compute_leave_one_out(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
     """Compute the gain by each maneuver, a row each, from the rows of one kind of references.
 
-    Returns
-    -------
-    maneuver, activity; lost, combinations: not determined without it; bits_added to all others, shapley_bits; most_helped: the
-    parameter whose sigma grows most without it, by growth; growth_<parameter>: every such factor.
+    lost and combinations are not determined without it; most_helped is the parameter whose sigma grows most without it.
     """
     intervals = load_base_scenario(config).interval
     by_set = dict(zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True))
@@ -164,19 +155,14 @@ def compute_shapley_values(information: dict[frozenset[str], float], everything:
 def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
     """The smallest sets of maneuvers without which the others, together, leave something undetermined.
 
-    Returns
-    -------
-    without, left, lost, combinations; no row's set contains another's, and none if even each alone determines everything.
+    No row's set contains another's. There is no row if even each alone determines everything.
     """
     whole = frozenset.union(*_parse_maneuver_sets(rows))
-    failing = [
-        (whole - own, row) for own, row in zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True) if row["lost"]
-    ]
+    by_set = zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True)
+    failing = [(whole - own, row) for own, row in by_set if row["lost"]]
     least = [(gone, row) for gone, row in failing if not any(other < gone for other, _ in failing)]
-    table = [
-        {"without": "+".join(sorted(gone)), "left": row["maneuvers"], "lost": row["lost"], "combinations": row["combinations"]}
-        for gone, row in sorted(least, key=lambda item: (len(item[0]), sorted(item[0])))
-    ]
+    ordered = sorted(least, key=lambda item: (len(item[0]), sorted(item[0])))
+    table = [("+".join(sorted(gone)), row["maneuvers"], row["lost"], row["combinations"]) for gone, row in ordered]
     return pd.DataFrame(table, columns=["without", "left", "lost", "combinations"])
 
 

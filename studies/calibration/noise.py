@@ -91,9 +91,8 @@ def _prepare_covariances(config: NoiseConfig, flown: NoiseFreeSimulation) -> _Co
     walk = integrate_white_noise(prepared.elapsed_s, 1.0)
     V_reference = compute_residual_covariance(pass_.R, *where, units, 0.0 * walk)
     V_gyro = compute_residual_covariance(pass_.R, *where, 0.0 * units, walk)
-    return _CovarianceParts(
-        flown, problem, accumulation.build_sensitivity(pass_.S, problem.columns, problem.scale), V_reference, V_gyro
-    )
+    Theta = accumulation.build_sensitivity(pass_.S, problem.columns, problem.scale)
+    return _CovarianceParts(flown, problem, Theta, V_reference, V_gyro)
 
 
 def estimate_flight_noise(config: NoiseConfig) -> tuple[float, float]:
@@ -105,10 +104,7 @@ def estimate_flight_noise(config: NoiseConfig) -> tuple[float, float]:
 def compute_formal_sigmas(prepared: _CovarianceParts, arw: float, sigma: float) -> tuple[Array, Array]:
     """Formal sigma (12,), G dimensionless and b rad/s, and the gyro's share (12,) of each parameter's variance.
 
-    Parameters
-    ----------
-    arw : rad/sqrt(s)
-    sigma : of a reference attitude about each axis, rad
+    The arw is in rad/√s, the sigma of a reference attitude about each axis in rad.
     """
     V_gyro = arw**2 * prepared.V_gyro
     weighted = np.linalg.solve(sigma**2 * prepared.V_reference + V_gyro, prepared.Theta)
@@ -157,10 +153,8 @@ def _select_flight_row(rows: pd.DataFrame) -> pd.Series:
 def build_flight_table(rows: pd.DataFrame) -> pd.DataFrame:
     """The twelve parameters at the flight's own noise."""
     flown = _select_flight_row(rows)
-    values = {
-        name: flown[keys].to_numpy(float)
-        for name, keys in (("sigma", SIGMAS), ("spread", SPREADS), ("gyro_share", GYRO_SHARE_COLUMNS))
-    }
+    keys = {"sigma": SIGMAS, "spread": SPREADS, "gyro_share": GYRO_SHARE_COLUMNS}
+    values = {name: flown[own].to_numpy(float) for name, own in keys.items()}
     table = pd.DataFrame({"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **values})
     limited = np.where(table["gyro_share"] > 0.5, "gyro", "references")
     return table.assign(limited_by=limited, crossing_arw_deg_per_sqrt_s=find_share_crossings(rows) * flown["sigma_deg"])
@@ -177,12 +171,9 @@ def find_share_crossings(rows: pd.DataFrame) -> Array:
 
 
 def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """Spread over seeds by formal sigma, a row a point and parameter, with χ² limits of all of them together.
+    """Spread over seeds with its χ² interval, and whether the formal sigma is inside, a row a point and parameter.
 
-    Returns
-    -------
-    arw_deg_per_sqrt_s, sigma_deg, parameter, unit, sigma, spread, its interval spread_low to spread_high, and whether the
-    formal sigma is inside.
+    The intervals have the stated confidence all together.
     """
     chosen = rows[rows["seeds"] > 0]
     tail = (1 - config.confidence) / (2 * len(NAMES) * max(len(chosen), 1))
@@ -214,10 +205,8 @@ def _build_checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
     out += check_extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], meaning=LAW)
     crossing = table["crossing_arw_deg_per_sqrt_s"]
     out += check_extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
-    inside = int(spreads["inside"].sum())
-    out.append(
-        Check(f"formal sigmas within the spread's interval, of {len(spreads)}", inside, (len(spreads),) * 2, "", SPREAD_NOTE)
-    )
+    count, inside = len(spreads), int(spreads["inside"].sum())
+    out.append(Check(f"formal sigmas within the spread's interval, of {count}", inside, (count, count), "", SPREAD_NOTE))
     return [*out, *check_extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
 
 
@@ -249,13 +238,8 @@ def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
         drawn.append(panels.make_curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    return panels.build_sheet(
-        *drawn,
-        size=(8.6, 3.2),
-        title="dotted: the flight's ARW",
-        legend="outside right center",
-        legend_title="reference\nsigma (deg)",
-    )
+    key: dict[str, Any] = {"legend": "outside right center", "legend_title": "reference\nsigma (deg)"}
+    return panels.build_sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", **key)
 
 
 ENTRY = Entry(STUDY, "how gyro and reference noise limit each parameter", report)

@@ -85,13 +85,9 @@ def set_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
 
 
 def compare_psi(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, float]:
-    """Both ψ at one slew rate and step.
+    """Both ψ at one slew rate and step: their largest difference in G and b after one iteration, and the errors of each.
 
-    Returns
-    -------
-    slew_rate_deg_s, step_s, the angle turned in a step, the largest difference in G and in b (deg/s) between linear and full ψ
-    after one iteration, each one's error in G and b then and when converged, and the iterations to convergence; NaN where it
-    did not converge.
+    Errors are those after one iteration and when converged; they are NaN where it did not converge.
     """
     recording = simulate_noise_free(scenario, rate_deg_s, step_s)
     row = {"slew_rate_deg_s": rate_deg_s, "step_s": step_s, "angle_per_step_deg": rate_deg_s * step_s}
@@ -156,23 +152,20 @@ def find_psi_limits(rows: pd.DataFrame) -> pd.DataFrame:
     return summarise_groups(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, line)
 
 
-def _select_resolved_ramps(rows: pd.DataFrame) -> pd.DataFrame:
-    """The points at which the ramp of the largest slew lasts `STEPS_PER_RAMP` steps or more: elsewhere there is no order."""
-    ramp_s = RAMP / (1 - RAMP) * rows["slew_angle_deg"] / rows["slew_rate_deg_s"]
-    return rows[ramp_s >= STEPS_PER_RAMP * rows["step_s"]]
-
-
 def estimate_step_orders(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per slew angle and rate: the order in Δt of linear ψ's difference, and of full ψ's error when converged.
 
     Over the steps that resolve the slews' ramps; NaN where fewer than two do.
     """
     keys = ["slew_angle_deg", "slew_rate_deg_s"]
+    # Elsewhere the ramp of the largest slew lasts fewer steps, and there is no order.
+    ramp_s = RAMP / (1 - RAMP) * rows["slew_angle_deg"] / rows["slew_rate_deg_s"]
+    resolved = rows[ramp_s >= STEPS_PER_RAMP * rows["step_s"]]
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         return {"steps": float(len(part)), **{name: fit_log_slope(part["step_s"], part[name]) for name in ORDERED}}
 
-    table = summarise_groups(_select_resolved_ramps(rows).sort_values(keys), keys, line)
+    table = summarise_groups(resolved.sort_values(keys), keys, line)
     return table.reindex(columns=[*keys, "steps", *ORDERED])
 
 
@@ -210,21 +203,17 @@ def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
 ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle", report)
 
 
-def _make_psi_map(rows: pd.DataFrame) -> panels.Panel:
-    """Linear ψ's difference from full ψ after one iteration, over slew rate and step."""
-    return panels.make_heat_map(
-        rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
+    """Linear ψ's difference from full ψ as a map, and with full ψ's own error over the angle per step; largest slew angle."""
+    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
+    difference_map = panels.make_heat_map(
+        shown.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
         mark_above=GOOD_ENOUGH,
         log=True,
         title=f"|G(linear ψ) − G(full ψ)|, one iteration; ✗ above {GOOD_ENOUGH:.0e}",
         x="step Δt (s)",
         y="slew rate (deg/s)",
     )
-
-
-def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
-    """That difference as a map, and with full ψ's own error over the angle per step; largest slew angle."""
-    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
     lines = []
     for rate, colour in panels.make_shades(sorted(set(shown["slew_rate_deg_s"]))).items():
         part = shown[shown["slew_rate_deg_s"] == rate]
@@ -234,4 +223,4 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
     curves = panels.make_curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
     title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
-    return panels.build_sheet(_make_psi_map(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)
+    return panels.build_sheet(difference_map, curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

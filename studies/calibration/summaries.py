@@ -21,21 +21,16 @@ def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
 
 
 def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
-    """Bias, spread, formal sigma and coverage of each parameter over the cases.
-
-    Parameters
-    ----------
-    errors, sigmas : (n, p) recovered minus injected, and formal sigma, in the named units
-    """
-    n = len(errors)
-    spread = errors.std(axis=0, ddof=1)
+    """Bias, spread, formal sigma and coverage of each parameter over the cases, from errors and sigmas (n, p)."""
+    bias, spread = errors.mean(axis=0), errors.std(axis=0, ddof=1)
+    standard_error = spread / np.sqrt(len(errors))
     table = pd.DataFrame(
         {
             "parameter": names,
             "unit": units,
-            "bias": errors.mean(axis=0),
-            "standard_error": spread / np.sqrt(n),
-            "bias_in_standard_errors": errors.mean(axis=0) / (spread / np.sqrt(n)),
+            "bias": bias,
+            "standard_error": standard_error,
+            "bias_in_standard_errors": bias / standard_error,
             "spread": spread,
             "formal_sigma": np.sqrt(np.mean(sigmas**2, axis=0)),
         }
@@ -50,16 +45,9 @@ def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units:
 
 
 def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
-    """Mean, standard deviation, 5–95 % range of each column, and where the flight's value falls.
+    """Mean, standard deviation and 5–95 % range of each column of samples (n, cells), and where the flight's (cells,) fall.
 
-    Parameters
-    ----------
-    samples : (n, cells)
-    flight : (cells,) or None
-
-    Returns
-    -------
-    A row a cell; flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
+    flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
     """
     table = pd.DataFrame(
         {

@@ -92,8 +92,8 @@ def run_case(config: TimestepConfig, number: int, streams: Streams) -> list[dict
             if finer is not None:
                 arw = compute_step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
             finer = step, result.theta[0]
-        row: dict[str, object] = {"step_s": step, "resampling": resampling}
-        rows.append(row | _compute_errors(flown.truth, result, gyro, prepared.held[way]) | {"step_arw_deg_per_sqrt_s": arw})
+        row = {"step_s": step, "resampling": resampling, **_compute_errors(flown.truth, result, gyro, prepared.held[way])}
+        rows.append(row | {"step_arw_deg_per_sqrt_s": arw})
     return rows
 
 
@@ -152,17 +152,10 @@ def tabulate_parameter_biases(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per way and step.
+    """A row per way and step: bias_sigma and held_sigma are the largest of the mean and noise-free error, in formal sigmas.
 
-    Returns
-    -------
-    bias_sigma, held_sigma : largest over the parameters of the mean error, and of the noise-free one, in formal sigmas
-    held_most : the parameter of the latter
-    bias_z : largest difference of the two in standard errors
-    spread_over_formal : RMS over the parameters
-    sigma_ratio, spread_ratio, gyro_ratio : formal sigma, spread and the gyro noise's part of it, over those of the full stream,
-        RMS over the parameters
-    nees with its 99 % bounds, whether it is inside, and what the bias alone adds
+    bias_z is the largest difference of the two in standard errors. The ratios are formal sigma, spread and the gyro noise's
+    part of it, over those of the full stream; they and spread_over_formal are RMS over the parameters.
     """
     table = tabulate_parameter_biases(rows)
     finest = rows["step_s"].min()
@@ -173,13 +166,14 @@ def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
             part = select_step(rows, step, resampling)
             own = table[(table["step_s"] == step) & (table["resampling"] == part["resampling"].iloc[0])].set_index("parameter")
             check = statistics.check_mean_nees(part["nees"].to_numpy(), len(NAMES))
+            held_sigmas = own["held"].abs() / own["formal_sigma"]
             out.append(
                 {
                     "resampling": resampling,
                     "step_s": step,
                     "bias_sigma": (own["bias"].abs() / own["formal_sigma"]).max(),
-                    "held_sigma": (own["held"].abs() / own["formal_sigma"]).max(),
-                    "held_most": (own["held"].abs() / own["formal_sigma"]).idxmax(),
+                    "held_sigma": held_sigmas.max(),
+                    "held_most": held_sigmas.idxmax(),
                     "bias_z": ((own["bias"] - own["held"]).abs() / own["standard_error"]).max(),
                     "spread_over_formal": compute_rms(own["spread"] / own["formal_sigma"]),
                     "sigma_ratio": compute_rms(own["formal_sigma"] / whole["formal_sigma"]),
@@ -221,12 +215,9 @@ def estimate_step_noise(rows: pd.DataFrame) -> pd.DataFrame:
         values = skipped[skipped["step_s"] == step]["step_arw_deg_per_sqrt_s"]
         flown = np.nan
         if finer in flight.FLIGHT_STEPS_S and step in flight.FLIGHT_STEPS_S:
-            difference = np.deg2rad(
-                flight.read_published_residuals("prelaunch", step) - flight.read_published_residuals("prelaunch", finer)
-            )
-            flown = compute_step_arw(
-                difference, flight.compute_interval_durations()[:, None], (step - finer) / flight.FLIGHT_STEPS_S[0]
-            )
+            coarse, fine = (flight.read_published_residuals("prelaunch", one) for one in (step, finer))
+            T_s, samples = flight.compute_interval_durations()[:, None], (step - finer) / flight.FLIGHT_STEPS_S[0]
+            flown = compute_step_arw(np.deg2rad(coarse - fine), T_s, samples)
         out.append({"from_s": finer, "to_s": step, **summarise_with_flight(values, flown)})
     return pd.DataFrame(out, columns=["from_s", "to_s", "median", "p05", "p95", "flight", "flight_percentile"])
 
@@ -243,17 +234,14 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
     out = []
     for way, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
         power, uncertain = estimate_gyro_order(rows, way)
-        bounds = bound_near(expected, 4 * uncertain + slack)
-        out.append(
-            Check(f"order in Δt of the gyro noise's part of the spread, {way}", power, bounds, meaning=NOISE_GROWTH_NOTE)
-        )
+        bounds, name = bound_near(expected, 4 * uncertain + slack), f"order in Δt of the gyro noise's part of the spread, {way}"
+        out.append(Check(name, power, bounds, meaning=NOISE_GROWTH_NOTE))
     average = table[table["resampling"] == "average"]
     held = average["step_s"], average["held_sigma"]
     out.append(Check("order in Δt of the bias without noise, average", fit_log_slope(*held), (1.9, 2.1), meaning=BIAS))
     out.append(Check(f"step from which that bias exceeds {LIMIT:g} formal sigma", find_level_crossing(*held, LIMIT), None, "s"))
-    out.append(
-        Check("mean error less the bias without noise, largest", table["bias_z"].max(), bound_above(4), "standard errors")
-    )
+    largest = table["bias_z"].max()
+    out.append(Check("mean error less the bias without noise, largest", largest, bound_above(4), "standard errors"))
     out += check_extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
     for row in steps[steps["flight"].notna()].to_dict("records"):
         name = f"angle random walk of the flight by its spread from {row['from_s']:g} to {row['to_s']:g} s"
@@ -265,13 +253,13 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
     """Report the noise and the bias that skipping and averaging add."""
-    tables = {
-        "steps": Table(
-            "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summarise_steps(rows)
-        ),
-        "step_noise": Table("Angle random walk by the spread between steps", estimate_step_noise(rows)),
-    }
-    return Report(tables, {"timestep": _draw_figure(summarise_steps(rows))}, tuple(_build_checks(rows)))
+    steps, title = (
+        summarise_steps(rows),
+        "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)",
+    )
+    step_noise = Table("Angle random walk by the spread between steps", estimate_step_noise(rows))
+    tables = {"steps": Table(title, steps), "step_noise": step_noise}
+    return Report(tables, {"timestep": _draw_figure(steps)}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "skipping against averaging samples, steps of 0.5 to 8 s", report)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +50,7 @@ class Response:
         return Response(rates, references)
 
 
-@dataclass(frozen=True)
-class FlightStatistics:
+class FlightStatistics(NamedTuple):
     """What one flight gave."""
 
     before: float  # before, before_samples: m_0 of attitude and samples: nothing taken out
@@ -76,21 +76,10 @@ class PreparedScenario:
     def build(
         cls, scenario: AdoptedScenario, recording: Recording, recorded: MeasurementSetup, name: str
     ) -> "PreparedScenario":
-        """Make a scenario ready.
+        """Make a scenario ready for a recording and its setup; the name is for an error.
 
         A replay is flown on the plan of the recording that is compared, whichever recording it was adopted from.
-
-        Parameters
-        ----------
-        scenario : what is flown
-        recording : that is compared
-        recorded : its ruler
-        name : for an error
-
-        Raises
-        ------
-        InputError
-            A scenario with a plan of its own has other samples or references than the recording, or an effect cannot act.
+        An `InputError` if a plan of its own has other samples or references than the recording, or an effect cannot act.
         """
         plan, fitted, start = scenario.plan, False, GyroParameters.from_vector(recorded.start)
         if isinstance(plan, ReplayPlan):
@@ -105,7 +94,10 @@ class PreparedScenario:
         ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
         sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
-        places = _find_predicted_amplitudes(scenario.effects)
+        # Amplitudes of the effects that are functions of the motion.
+        counts = [REGISTRY[one.effect].amplitudes(one).size for one in scenario.effects]
+        predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in scenario.effects]
+        places = np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
         stated = _compute_response(scenario, plain, scenario.effects)
         base = ruler.state(plain)
         Q = np.linalg.qr(base.H)[0]
@@ -131,16 +123,12 @@ class PreparedScenario:
         own = C[np.ix_(self.places, self.places)]
         return float(np.sum((self.W @ own) * self.W)) / self.ruler.degrees_of_freedom
 
-    def subtract_stated_response(self, recording: Recording) -> Recording:
-        """A recording with the stated response taken out."""
-        return self.stated.subtract_from(recording)
-
     def fly(self, seed: int, case: int) -> FlightStatistics:
         """One flight, its sizes drawn from the posterior."""
         scenario, ruler = self.scenario, self.ruler
         drawn = scenario.draw_amplitudes(generator(seed, case, "posterior"))
         flown = scenario.fly(seed, case, scenario.replace_amplitudes(drawn))
-        left = self.subtract_stated_response(flown)
+        left = self.stated.subtract_from(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
             off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)
@@ -167,13 +155,6 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
     names = [interval.name for interval in recording.intervals]
     if names != [interval.name for interval in flown.intervals]:
         raise InputError(f"{name}: has intervals of other names than the recording's {', '.join(names)}")
-
-
-def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
-    """Places of the amplitudes of the effects that are functions of the motion."""
-    counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
-    predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in effects]
-    return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
 
 
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:

@@ -87,13 +87,8 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
-        return {
-            "format": 1,
-            "recording": self.recording,
-            "runs": self.runs,
-            "seed": self.seed,
-            "scenarios": [standing.to_json() for standing in self.standings],
-        }
+        own = {"format": 1, "recording": self.recording, "runs": self.runs, "seed": self.seed}
+        return own | {"scenarios": [standing.to_json() for standing in self.standings]}
 
 
 def compare(
@@ -133,7 +128,7 @@ def compare(
             flights = simulate_flights(bench, name, runs, seed, jobs, progress)
             if not standings:
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
-            measured = ruler.measure(bench.subtract_stated_response(recording))
+            measured = ruler.measure(bench.stated.subtract_from(recording))
             standings.append(build_scenario_comparison(name, scenario, bench, bare, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
 
@@ -161,20 +156,15 @@ def build_scenario_comparison(
     flights: Sequence[FlightStatistics],
     floors: tuple[float, float],
 ) -> ScenarioComparison:
-    """Compute the percentiles of a recording among the simulations of a scenario.
+    """Compute the percentiles of a recording, measured as it is (bare) and under a scenario, among the scenario's flights.
 
-    Parameters
-    ----------
-    bare, measured : the recording's statistics as it is, and under the scenario
-    flights : of the scenario
-    floors : E m_0 under M0, of attitude and samples
+    The floors are E m_0 under M0, of attitude and samples.
     """
     under = np.array([flight.under.mean_square for flight in flights])
     samples = np.array([flight.under.samples for flight in flights])
     errors = np.column_stack([[flight.error for flight in flights], under])
-    own = compute_gap(
-        (bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error
-    )
+    recorded = bare.mean_square, measured.mean_square
+    own = compute_gap(recorded, (floors[0], float(under.mean())), errors, shift=bench.size_error)
     of_samples = None
     if np.isfinite([bare.samples, floors[1], *samples]).all():
         errors = np.column_stack([[flight.before_samples for flight in flights], samples])
@@ -194,11 +184,7 @@ def build_scenario_comparison(
 def tabulate_statistics(measured: RecordingStatistics, flights: Sequence[RecordingStatistics], fitted: bool) -> pd.DataFrame:
     """A row for each statistic that the recording and all flights have.
 
-    Parameters
-    ----------
-    measured : of the recording
-    flights : of the scenario
-    fitted : whether the scenario's G and b are those that were found on the recording; they are then not judged
+    If the scenario's G and b are those that were fitted to the recording, the calibrated parameters are not judged.
     """
     keys = list(measured.statistics)
     value = np.array([measured.statistics[key] for key in keys])
@@ -206,7 +192,7 @@ def tabulate_statistics(measured: RecordingStatistics, flights: Sequence[Recordi
     both = np.isfinite(drawn).all(axis=0) & np.isfinite(value)
     chosen = [key for key, known in zip(keys, both, strict=True) if known]
     out = summarise_distribution(drawn[:, both], value[both]).rename(columns={"flight": "recording"})
-    names = pd.DataFrame([(key.kind, key.of, key.axis, key.unit) for key in chosen], columns=list(COMPARISON_COLUMNS[:4]))
+    names = pd.DataFrame(chosen, columns=list(COMPARISON_COLUMNS[:4]))
     out = pd.concat([names, out], axis=1)
     out["judged"] = (out["std"] > 0) & ~(fitted & (out["statistic"] == "parameter"))
     out["percentile"] = (out["flight_percentile"] / 100).where(out["judged"])

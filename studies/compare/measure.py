@@ -4,30 +4,24 @@ A recording is calibrated (G, b; three iterations of N section IV from the plan'
 the residuals θ of N (16) that are left, in body axes:
 
 - *mean square*: χ²/dof, θ whitened by the calibrator's own covariance of noise as stated
-- *rms*: of each interval and axis, and of each phase of the intervals (start, slew, hold, end) and axis
+- *rms*: of each interval and of each phase of the intervals (start, slew, hold, end), by axis
 - *residual rate* u_j = (θ_j − R_j θ_{j−1})/Δt_j, R_j the rotation between two references: its correlation from one reference
   to the next (−½ where references' noise is all there is), its spectrum in thirds of the band up to half the references'
   rate, and its overlapping Allan deviation over 1, 2, 4 … references
-- *samples*: rates of the gyro where the body's motion is smooth; mean square of second differences in units of that of the
-  stated noise, 6 σ²; their correlation from one to the next (−⅔ for white noise); spectrum in the two upper octaves; the
-  largest one, and the share of samples that repeat the one before
+- *samples* where the body's motion is smooth: mean square of second differences in units of that of the stated noise, 6 σ²;
+  their correlation from one to the next (−⅔ for white noise), spectrum, largest one, and share of repeated samples
 - *parameters*: the calibrated G and b
 
-**What smoothing does.** The motion of a recording is known only through its noisy samples and references. A replay flies the
-smoothed motion, which still holds the part of the recording's noise that the smoothing lets through, and adds new noise. Truth
-and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
-of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
-noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted_scenario` have windows of 41 samples
-or more, shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
-differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
-and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
-recording; a slow motion that the smoothing flattens is missing in both, recording and references of the replay.
+Of the samples only the upper two octaves and second differences are looked at, only where the smoothed rates have next to no
+second difference, half a window and more away from where they do and from the ends: the motion of a replay still holds the
+recording's noise below the corner frequency of the smoothing's window (docs/compare.md, "Effect of smoothing"). A quadratic
+over n samples lets 9/(4n) of the noise's power pass, most of it below 1.5/n cycles a sample.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +31,7 @@ from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 from simulator.arrays import Array
 from simulator.effects.recording_view import find_interval_slices, smooth_rates
@@ -56,19 +51,13 @@ GROWN = WINDOW // 2  # samples to either side of where the motion is not smooth:
 REPEAT = 1e-12  # rad/s
 
 
-@dataclass(frozen=True)
-class Statistic:
+class Statistic(NamedTuple):
     """What a number is: its kind, what it is of, the axis, and its unit."""
 
     kind: str
     of: str
     axis: str
     unit: str
-
-    @property
-    def name(self) -> str:
-        """Name in words."""
-        return " ".join(part for part in (self.kind, self.of, self.axis) if part)
 
 
 @dataclass(frozen=True)
@@ -91,7 +80,6 @@ class MeasurementSetup:
     t_s: Array  # (m,) times of the residuals
     quiet: tuple[slice, ...]  # stretches of samples where the motion is smooth
     noise: float  # stated noise of a sample, rad/s
-    sample_s: float  # s
 
     @classmethod
     def build(cls, recording: Recording, start: GyroParameters) -> "MeasurementSetup":
@@ -106,7 +94,6 @@ class MeasurementSetup:
             t_s=recording.attitudes.t_s[prepared.row],
             quiet=find_quiet_stretches(recording, start, noise),
             noise=noise,
-            sample_s=gyro.sample_s,
         )
 
     @property
@@ -136,10 +123,8 @@ class MeasurementSetup:
         """Calibrate a recording and compute its statistics."""
         problem = self.case(recording)
         found = problem.iterate(self.start, CALIBRATION_ITERATIONS)
-        theta, x = found.theta[-1], found.x[-1]
-        values: dict[Statistic, float] = {}
-        mean_square = found.chi2 / self.degrees_of_freedom
-        values[Statistic("mean square", "of the calibration", "", "1")] = mean_square
+        theta, x, mean_square = found.theta[-1], found.x[-1], found.chi2 / self.degrees_of_freedom
+        values = {Statistic("mean square", "of the calibration", "", "1"): mean_square}
         for statistics in (self._rms(theta), self._rates(problem.A, theta), self._samples(recording)):
             values.update(statistics)
         for name, value, unit in zip(NAMES, x * PPM_DEG_H, PPM_DEG_H_NAMES, strict=True):
@@ -156,8 +141,6 @@ class MeasurementSetup:
             return float("nan")
         second = np.concatenate([np.diff(recording.gyro.rates[part], n=2, axis=0) for part in self.quiet])
         return float(np.mean(second**2) / (6 * self.noise**2))
-
-    # ---- residuals of the attitude ---------------------------------------------------------------------------------------
 
     def _rms(self, theta: Array) -> Iterator[tuple[Statistic, float]]:
         phase = label_phases(self.t_s, self.arc) if len(self.t_s) > len(self.names) else np.full(len(self.t_s), "end")
@@ -193,8 +176,6 @@ class MeasurementSetup:
                 yield Statistic("residual rate", of, axis, "deg/h"), compute_allan_deviation(path, count, tau)
                 count *= 2
 
-    # ---- samples ---------------------------------------------------------------------------------------------------------
-
     def _samples(self, recording: Recording) -> Iterator[tuple[Statistic, float]]:
         if not self.quiet or self.noise == 0:
             return
@@ -227,8 +208,7 @@ def find_quiet_stretches(recording: Recording, parameters: GyroParameters, noise
         holes = np.diff(t) > 1.5 * gyro.sample_s
         for at in [0, *np.flatnonzero(rough) + 1, *np.flatnonzero(holes), t.size - 1]:
             calm[max(at - GROWN, 0) : at + GROWN + 1] = False
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], calm.astype(np.int8), [0]])))
-        out += [slice(part.start + int(a), part.start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST_QUIET_RUN]
+        out += [slice(part.start + a, part.start + b) for a, b in find_mask_runs(calm) if b - a >= SHORTEST_QUIET_RUN]
     return tuple(out)
 
 

@@ -6,6 +6,7 @@ values and time tags; nothing is corrected that a diagnosis might be asked to fi
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,18 +17,12 @@ from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.importing.alignment import refine
-from gyrocal.importing.estimates import (
-    ALLAN_S,
-    compute_turns,
-    count_walk_degrees,
-    estimate_walk_at_rest,
-)
+from gyrocal.importing.estimates import ALLAN_S, compute_turns, count_walk_degrees, estimate_walk_at_rest
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.reference_sigma import ReferenceSigma, fit_reference_sigma
 from gyrocal.mask_runs import find_mask_runs
 from simulator.arrays import Array
 
-Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 IMU_RATE_COLUMNS = ("imu_gyr_x", "imu_gyr_y", "imu_gyr_z")
@@ -76,6 +71,11 @@ class Trial:
         return np.asarray(np.isfinite(self.quaternions).all(axis=1))
 
     @property
+    def phases(self) -> list[tuple[int, int]]:
+        """First and one past the last sample of each motion phase."""
+        return find_mask_runs(self.moving)
+
+    @cached_property
     def still(self) -> Mask:
         """(n,) at rest, and `STILL_S` from any movement."""
         away = self.samples(STILL_S)
@@ -85,9 +85,9 @@ class Trial:
         return still
 
     @property
-    def phases(self) -> list[tuple[int, int]]:
-        """First and one past the last sample of each motion phase."""
-        return find_mask_runs(self.moving)
+    def rests(self) -> list[tuple[int, int]]:
+        """First and one past the last sample of each rest."""
+        return find_mask_runs(self.still)
 
     def samples(self, duration_s: float) -> int:
         """Samples in so many seconds, at least one."""
@@ -106,21 +106,19 @@ class ImportedTrial:
 
     def summary(self) -> pd.DataFrame:
         """Summary of the import, a row for each quantity, in degrees."""
-        recording = self.recording
 
         def vector(values: Array, digits: int) -> str:
             return ", ".join(f"{value:.{digits}f}" for value in np.rad2deg(values))
 
-        lengths = [interval.stop_s - interval.start_s for interval in recording.intervals]
-        moving = int(np.count_nonzero(~self.still))
+        gyro, lengths = self.recording.gyro, [interval.stop_s - interval.start_s for interval in self.recording.intervals]
         rows = [
-            ("gyro samples", f"{recording.gyro.t_s.size} at {1 / recording.gyro.sample_s:.2f} Hz"),
+            ("gyro samples", f"{gyro.t_s.size} at {1 / gyro.sample_s:.2f} Hz"),
             ("intervals", f"{len(lengths)} of {min(lengths):.1f} to {max(lengths):.1f} s"),
-            ("reference attitudes", f"{moving} in motion, {int(np.count_nonzero(self.still))} at rest"),
+            ("reference attitudes", f"{np.count_nonzero(~self.still)} in motion, {np.count_nonzero(self.still)} at rest"),
             ("their sigma at rest x, y, z", f"{vector(self.sigma_rest, 4)} deg"),
             ("their sigma in motion x, y, z", f"{vector(self.sigma_motion, 4)} deg"),
             ("angle random walk x, y, z", f"{vector(self.arw, 5)} deg/sqrt(s)"),
-            ("bias from the first rest x, y, z", f"{vector(recording.gyro.apriori_bias, 4)} deg/s"),
+            ("bias from the first rest x, y, z", f"{vector(gyro.apriori_bias, 4)} deg/s"),
         ]
         return pd.DataFrame(rows, columns=["what", "value"])
 
@@ -140,9 +138,8 @@ def read(path: Path) -> Trial:
     if missing:
         raise InputError(f"{path}: not a BROAD trial: column {', '.join(missing)} is missing")
     for name in needed:
-        if pd.api.types.is_bool_dtype(frame[name]) != (name == MOVEMENT_COLUMN) or not (
-            pd.api.types.is_numeric_dtype(frame[name])  # bool counts as numeric
-        ):
+        as_bool, as_number = pd.api.types.is_bool_dtype(frame[name]), pd.api.types.is_numeric_dtype(frame[name])
+        if as_bool != (name == MOVEMENT_COLUMN) or not as_number:  # bool counts as numeric
             raise InputError(f"{path}: column {name} holds {frame[name].dtype}")
     try:
         rate_hz = float(metadata[RATE_KEY])
@@ -222,7 +219,7 @@ def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in pairwise(np.linspace(first, last, count + 1).round())]
 
 
-def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
+def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: float) -> NDArray[np.intp]:
     """Samples of an interval to take the orientation of: evenly spaced, or the nearest tracked one at most half a step away."""
     first, last = cut
     count = max(round((last - first) * trial.sample_s / spacing_s), 1)
@@ -233,22 +230,6 @@ def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: floa
     nearest = tracked[[int(np.argmin(np.abs(tracked - place))) for place in wanted]]
     close = np.abs(nearest - wanted) <= 0.5 * (last - first) / count
     return np.unique(nearest[close])
-
-
-def estimate_rest_noise(trial: Trial) -> Array:
-    """Angle random walk per axis (3,) rad/sqrt(s), by the Allan deviation of the rests."""
-    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in find_mask_runs(trial.still)], trial.sample_s)
-    if found is None:
-        raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
-    return found
-
-
-def estimate_rest_bias(trial: Trial) -> Array:
-    """b (3,) rad/s of ω = G ω_raw + b with G = I from the first rest, minus its mean raw rate."""
-    for first, stop in find_mask_runs(trial.still):
-        if (stop - first) * trial.sample_s >= SHORTEST_REST_S:
-            return np.asarray(-trial.rates[first:stop].mean(axis=0))
-    raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
 
 
 def build_recording(
@@ -267,14 +248,20 @@ def build_recording(
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
-    arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
+    at_rest = [trial.rates[first:stop] for first, stop in trial.rests]
+    arw = estimate_walk_at_rest(at_rest, trial.sample_s)
+    if arw is None:
+        raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
+    long = [rates for rates in at_rest if len(rates) * trial.sample_s >= SHORTEST_REST_S]
+    if not long:
+        raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
     if not abs(attitude_offset_s) < trial.t_s[-1]:
         raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
-    chosen: list[tuple[str, str, Indices]] = []
-    for name, activity, first, last in cut_trial(trial, intervals):
-        rows = select_reference_samples(trial, (first, last), spacing_s)
-        if rows.size >= 2:
-            chosen.append((name, activity, rows))
+    chosen = [
+        (name, activity, select_reference_samples(trial, (first, last), spacing_s))
+        for name, activity, first, last in cut_trial(trial, intervals)
+    ]
+    chosen = [one for one in chosen if one[2].size >= 2]
     if not chosen:
         raise InputError(f"{trial.name}: no interval has two tracked orientations")
     gyro = GyroStream(
@@ -282,14 +269,15 @@ def build_recording(
         rates=trial.rates,
         sample_s=trial.sample_s,
         arw=float(np.sqrt(np.mean(np.square(arw)))),
-        apriori_bias=bias,
+        apriori_bias=-long[0].mean(axis=0),  # b of ω = G ω_raw + b with G = I
         arw_estimated=True,
-        arw_degrees=count_walk_degrees([trial.rates[a:b] for a, b in find_mask_runs(trial.still)], trial.sample_s),
+        arw_degrees=count_walk_degrees(at_rest, trial.sample_s),
     )
     used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
     still = trial.still[used]
     rest, motion = _estimate_reference_sigma(trial, gyro, spacing_s)
     sigma = np.where(still[:, None], rest.sigma, motion.sigma)
+    columns = ["t_s", *(f"specific_force_{axis}_m_s2" for axis in "xyz")]
     recording = Recording(
         title=f"BROAD {trial.name} (CC-BY-4.0, doi:10.3390/data6070072)",
         epoch=ASSUMED_EPOCH,
@@ -299,14 +287,9 @@ def build_recording(
         intervals=tuple(
             Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
         ),
-        tables={"housekeeping": _build_housekeeping_table(trial, gyro.t_s)},
+        tables={"housekeeping": pd.DataFrame(np.column_stack([gyro.t_s, trial.force]), columns=columns)},
     )
     return ImportedTrial(recording, rest.sigma, motion.sigma, arw, np.asarray(still))
-
-
-def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
-    names = [f"specific_force_{axis}_m_s2" for axis in "xyz"]
-    return pd.DataFrame(np.column_stack([t_s, trial.force]), columns=["t_s", *names])
 
 
 def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[ReferenceSigma, ReferenceSigma]:
@@ -321,8 +304,7 @@ def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) 
         if len(pairs) < FEWEST_INCREMENTS:
             raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
         turns = compute_turns(gyro, trial.t_s, trial.quaternions, pairs)
-        still = trial.still
-        resting = np.array([bool(still[a : b + 1].all()) for a, b in pairs])
+        resting = np.array([bool(trial.still[a : b + 1].all()) for a, b in pairs])
         both = []
         for mask in (resting, ~resting):
             chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)

@@ -5,7 +5,7 @@ its own budget. G, b and the remainder of the first half predict the attitudes o
 `gyrocal.estimation.prediction_consistency`. Nothing is drawn at random.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,7 +21,6 @@ from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording, calibrate
 from gyrocal.calibration.remainder import add_remainder
-from gyrocal.calibration.result import CalibrationResult
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from studies.montecarlo.manifest import hash_bytes
@@ -35,7 +34,6 @@ from studies.report.tables import NO_VALUE, Table
 from studies.validation import broad
 
 Row = dict[str, Any]
-Record = Mapping[Any, Any]  # a row of a table by column
 
 REPOSITORY_ROOT = Path(__file__).parents[2]
 BROAD_FOLDER = "../shared/real/broad"
@@ -80,9 +78,6 @@ class RealConfig(GridConfig):
         return (REPOSITORY_ROOT / self.folder).resolve() / f"{self.trials[number]}.parquet"
 
 
-# ---- rows ----------------------------------------------------------------------------------------------------------------
-
-
 def read_recording(config: RealConfig, number: int, streams: Streams) -> Recording:
     """Read a trial as a recording."""
     return broad.build_recording(broad.read(config.file(number))).recording
@@ -91,23 +86,13 @@ def read_recording(config: RealConfig, number: int, streams: Streams) -> Recordi
 def run_case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
     """Calibrate, predict and diagnose a trial; the column `kind` tells rows of the trial, causes, steps and predictions."""
     recording = read_recording(config, number, streams)
-    predictions = build_prediction_rows(recording)
-    calibration = add_remainder(recording, calibrate(recording))
-    diagnosis = diagnose(recording, seed=config.entropy)
-    trial = {
-        "kind": "trial",
-        **summarise_calibration(calibration),
-        **summarise_diagnosis(diagnosis),
-        "sha256": hash_bytes(config.file(number).read_bytes()),
-    }
-    rows = [trial, *build_cause_rows(diagnosis), *build_step_rows(diagnosis), *predictions]
-    return [{"trial": config.trials[number], **row} for row in rows]
-
-
-def summarise_calibration(found: CalibrationResult) -> Row:
-    """Summarise a calibration: χ² per degree of freedom, and the factor by which the remainder widens its sigmas."""
+    found = add_remainder(recording, calibrate(recording))
     widened = 1.0 if found.remainder is None else float(np.median(found.remainder.sigma / found.sigma))
-    return {"chi2_per_dof": found.chi2 / found.dof, "sigmas_widened": widened}
+    trial: Row = {"kind": "trial", "chi2_per_dof": found.chi2 / found.dof, "sigmas_widened": widened}
+    diagnosis = diagnose(recording, seed=config.entropy)
+    trial |= summarise_diagnosis(diagnosis) | {"sha256": hash_bytes(config.file(number).read_bytes())}
+    rows = [trial, *build_cause_and_step_rows(diagnosis), *build_prediction_rows(recording)]
+    return [{"trial": config.trials[number], **row} for row in rows]
 
 
 def summarise_diagnosis(found: Diagnosis) -> Row:
@@ -130,29 +115,14 @@ def split_interval(name: str, interval: tuple[float, float] | None) -> Row:
     return {f"{name}_low": low, f"{name}_high": high}
 
 
-def build_cause_rows(found: Diagnosis) -> list[Row]:
-    """Build one row per cause with the probability that the cause, or one indistinguishable from it, is present."""
-    return [
-        {
-            "kind": "cause",
-            "cause": one.label,
-            "size": one.size,
-            "sigma": one.sigma,
-            "unit": one.unit,
-            "probability": one.group_probability,
-            "group": ", ".join(one.group),
-        }
-        for one in found.causes
-    ]
-
-
-def build_step_rows(found: Diagnosis) -> list[Row]:
-    """Build a row for each step of the gap budget."""
-    names = ("step", "misfit", "misfit_deg", "closed", "size", "sigma", "unit")
-    return [
-        {"kind": "step", **{name: getattr(one, name) for name in names}, **split_interval("closed", one.interval_90)}
-        for one in found.budget
-    ]
+def build_cause_and_step_rows(found: Diagnosis) -> Iterator[Row]:
+    """Build a row for each cause, with the probability of it or of one indistinguishable from it, and for each budget step."""
+    for cause in found.causes:
+        row = {"kind": "cause", "cause": cause.label, "size": cause.size, "sigma": cause.sigma, "unit": cause.unit}
+        yield row | {"probability": cause.group_probability, "group": ", ".join(cause.group)}
+    for step in found.budget:
+        row = {name: getattr(step, name) for name in ("step", "misfit", "misfit_deg", "closed", "size", "sigma", "unit")}
+        yield {"kind": "step", **row, **split_interval("closed", step.interval_90)}
 
 
 def build_prediction_rows(recording: Recording) -> list[Row]:
@@ -175,9 +145,6 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
 
 
 STUDY = Study("studies.validation.real_gyro:STUDY", RealConfig, run_case, read_recording)
-
-
-# ---- report --------------------------------------------------------------------------------------------------------------
 
 
 def select_rows(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
@@ -211,12 +178,15 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
 
 def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
     """Describe each trial in a row of texts."""
-    by_trial = {name: part.to_dict("records") for name, part in causes.groupby("trial")} if len(causes) else {}
+    by_trial: dict[str, list[str]] = {}
+    for row in causes.to_dict("records"):
+        size = tables.format_size(row["size"], row["sigma"], row["unit"])
+        by_trial.setdefault(row["trial"], []).append(f"{row['cause']} {size} ({tables.format_percent(row['probability'])})")
     return pd.DataFrame(
         {
             "trial": row["trial"],
             "verdict": row["verdict"],
-            "causes": "; ".join(map(describe_cause, by_trial.get(row["trial"], []))) or NO_VALUE,
+            "causes": "; ".join(by_trial.get(row["trial"], [])) or NO_VALUE,
             "closed": describe_share(row, "closed"),
             "remainder": describe_share(row, "remainder"),
             "side": row.get("remainder_side", np.nan),
@@ -228,13 +198,7 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def describe_cause(row: Record) -> str:
-    """Describe a cause by its size with sigma and its probability."""
-    size = tables.format_size(row["size"], row["sigma"], row["unit"])
-    return f"{row['cause']} {size} ({tables.format_percent(row['probability'])})"
-
-
-def describe_share(row: Record, name: str) -> str:
+def describe_share(row: Mapping[Any, Any], name: str) -> str:
     """Describe a share with its interval."""
     if pd.isna(row.get(name)):
         return NO_VALUE
@@ -253,7 +217,7 @@ def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
 
 
 def check_predictions(predictions: pd.DataFrame) -> list[Check]:
-    """Check the normalised errors of all trials over each horizon, and count the trials that are consistent by themselves."""
+    """Check the normalised errors of all trials over each horizon, and count the consistent trials."""
     low, high = CONSISTENT_RMS_RANGE
     checks = []
     for horizon, part in predictions.groupby("horizon_s"):
@@ -268,20 +232,21 @@ def check_predictions(predictions: pd.DataFrame) -> list[Check]:
 
 def draw_waterfalls(steps: pd.DataFrame) -> Draw:
     """Draw the waterfalls of all trials."""
-    budgets = {str(name): [build_step(row) for row in part.to_dict("records")] for name, part in steps.groupby("trial")}
-    draws = {name: partial(diagnosis_figures.draw_steps, budget=tuple(budget)) for name, budget in budgets.items()}
-    panels = [Panel(draw, title=name, x="held-out whitened mean square") for name, draw in draws.items()]
+    budgets = {str(name): tuple(build_step(row) for row in part.to_dict("records")) for name, part in steps.groupby("trial")}
+    panels = [
+        Panel(partial(diagnosis_figures.draw_steps, budget=budget), title=name, x="held-out whitened mean square")
+        for name, budget in budgets.items()
+    ]
     columns = min(ACROSS, len(panels))
     panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)
     height = STEP_INCHES * max(map(len, budgets.values())) + PANEL_INCHES
     return build_sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)
 
 
-def build_step(row: Record) -> Step:
+def build_step(row: Mapping[Any, Any]) -> Step:
     """Build a step of a budget from its row."""
-    if pd.isna(row["closed"]):
-        return Step(row["step"], row["misfit"], row["misfit_deg"])
-    return Step(row["step"], row["misfit"], row["misfit_deg"], row["closed"], (row["closed_low"], row["closed_high"]))
+    share: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
+    return Step(row["step"], row["misfit"], row["misfit_deg"], *share)
 
 
 ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from gyrocal.allan import overlapping_allan_deviation
-from gyrocal.allan.covariance import estimate_covariance
+from gyrocal.allan.deviation import estimate_covariance
 from gyrocal.allan.terms import FLICKER, RANDOM_WALK, RATE_WALK, compute_allan_variance
 from tests.gyrocal.allan import noises
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, load, save
-from gyrocal.recording import bounds, parquet
+from gyrocal.recording import parquet, tables
 from tests.builders import piecewise_recording
 
 FILES = ("recording.toml", "gyro.parquet", "attitude.parquet", "housekeeping.parquet")
@@ -37,8 +37,8 @@ def test_a_pipe_or_a_device_is_refused_and_not_waited_for(name, make, folder):
 
 def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
     rows = len(pd.read_parquet(folder / "gyro.parquet"))
-    monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows)
+    monkeypatch.setattr(tables, "MOST_VALUES", 4 * rows)
     load(folder)
-    monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows - 1)
+    monkeypatch.setattr(tables, "MOST_VALUES", 4 * rows - 1)
     monkeypatch.setattr(parquet, "read", lambda *arguments, **options: pytest.fail("it was read"))
     assert f"gyro.parquet: {rows} rows of 4 columns are more than can be read" in refusal(folder)

@@ -67,7 +67,7 @@ def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, ef
     recording, scenario = orbital
     one = replace(scenario, effects=(parse(effect),), covariance=None)
     bench = PreparedScenario.build(one, recording, MeasurementSetup.build(recording, calibrate(recording).parameters), "one")
-    left, without = bench.subtract_stated_response(one.fly(3, 1)), one.fly(3, 1, effects=())
+    left, without = bench.stated.subtract_from(one.fly(3, 1)), one.fly(3, 1, effects=())
     np.testing.assert_allclose(left.gyro.rates, without.gyro.rates, rtol=0, atol=1e-15)
     # The reference's error turns a noisy attitude in place of the true one: a product of the two.
     np.testing.assert_allclose(left.attitudes.quaternions, without.attitudes.quaternions, rtol=0, atol=1e-7)
