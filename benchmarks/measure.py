@@ -1,11 +1,10 @@
 """All measurements of one run, as a document."""
 
-import contextlib
 import ctypes
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
 from os import cpu_count
@@ -15,7 +14,6 @@ from typing import Any, NamedTuple
 from benchmarks import c_kernel, mission_loop, references
 from benchmarks.processes import measure_starts, run_module
 from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
-from gyrocal import Arcs, GyroParameters
 from studies.montecarlo.manifest import REPORTED_PACKAGES, read_commit
 
 METHOD = (
@@ -102,8 +100,8 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
     """
     effort, flight, reasons = QUICK if quick else Effort(), Flight.trmm(), dict[str, str]()
     say("the kernel against C")
-    with _build_libraries(effort.variants, reasons) as libraries:
-        growth = [_measure_growth(flight, finer, rounds, libraries) for finer, rounds in effort.sizes.items()]
+    libraries = _build_libraries(effort.variants, reasons)
+    growth = [_measure_growth(flight, finer, rounds, libraries) for finer, rounds in effort.sizes.items()]
     say("the kernel against a textbook loop and gtsam")
     ms, apart = _measure_others(flight, effort, reasons)
     say("starts of fresh processes")
@@ -170,23 +168,13 @@ def describe_machine() -> dict[str, Any]:
 Libraries = dict[c_kernel.Variant, ctypes.CDLL]
 
 
-@contextlib.contextmanager
-def _build_libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Iterator[Libraries]:
-    with tempfile.TemporaryDirectory() as folder:
+def _build_libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Libraries:
+    with tempfile.TemporaryDirectory() as folder:  # what is loaded outlives its file
         try:
-            libraries = c_kernel.build(variants, Path(folder))
+            return c_kernel.build(variants, Path(folder))
         except RuntimeError as error:
             reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
-            libraries = {}
-        yield libraries
-
-
-def _prepare_calls(libraries: Libraries, arcs: Arcs, parameters: GyroParameters) -> dict[c_kernel.Variant, Callable[[], Any]]:
-    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    return {
-        one: c_kernel.prepare_call(library, packed[one.lanes], parameters.G, parameters.bias)
-        for one, library in libraries.items()
-    }
+            return {}
 
 
 def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> dict[str, Any]:
@@ -195,7 +183,11 @@ def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Librarie
     if arcs.beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
-    calls = _prepare_calls(libraries, arcs, parameters)
+    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
+    calls = {
+        one: c_kernel.prepare_call(library, packed[one.lanes], parameters.G, parameters.bias)
+        for one, library in libraries.items()
+    }
     apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
     _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
     _check(f"the first pass over {len(arcs.dt)} samples", disagreement(run_unpacked(arcs, parameters), expected), AGREEMENT)

@@ -216,7 +216,7 @@ class Requirement:
             {"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed, "infinite": infinite}
         )
         counts = by_case.groupby(rows["case"]).any()
-        return self.judge_counts(len(counts), **counts.sum().astype(int).to_dict())
+        return self.judge_counts(len(counts), *(int(counts[name].sum()) for name in counts))
 
     def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0, infinite: int = 0) -> Answer:
         """Answer from the number of cases and of those beyond the limit."""

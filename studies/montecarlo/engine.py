@@ -253,9 +253,10 @@ def _load_earlier_manifest(about: Mapping[str, Any], folder: Path) -> dict[str, 
     found = read_study_manifest(folder)
     if found is None or found["config_sha256"] == about["config_sha256"]:
         return found
-    settings = ({"study": one.get("study"), **one.get("config", {})} for one in (found, about))
+    settings = [{"study": one.get("study"), **one.get("config", {})} for one in (found, about)]
     # With the same settings the content of a scenario file differs, or the order of the dispersions.
-    content = ({"scenario": one.get("scenario"), "order": list(one["config"].get("dispersions", {}))} for one in (found, about))
+    orders = [list(config.get("dispersions", {})) for config in settings]
+    content = [{"scenario": one.get("scenario"), "order": order} for one, order in zip((found, about), orders, strict=True)]
     what = list_changes(*settings) or list_changes(*content)
     raise InputError(f"{folder}: holds a study with another configuration ({what}); {ANOTHER_FOLDER}")
 

@@ -145,11 +145,10 @@ def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
 def compare_runs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """Compare two runs case by case, in all and by kind; an `InputError` if their cases are not the same."""
     keys = ["case", "kind", "effects"]
+    before, after = (run.assign(well=is_answered_well(run)) for run in (before, after))
     both = before.merge(after, on="case", suffixes=("_before", "_after"), validate="one_to_one")
     if both.empty or any((both[f"{key}_before"] != both[f"{key}_after"]).any() for key in keys[1:]):
         raise InputError("compare: the two runs are not of the same cases; run both with the same --entropy")
-    for when, run in (("before", before), ("after", after)):
-        both[f"well_{when}"] = both["case"].map(is_answered_well(run).set_axis(run["case"]))
     parts = {"all": both} | {kind: both[both["kind_after"] == kind] for kind in MIX}
     return pd.DataFrame([_compare_part(name, part) for name, part in parts.items() if len(part)])
 
