@@ -13,7 +13,7 @@ help:
 	@echo "make long        the tests of minutes, of which make test runs smaller versions"
 	@echo "make docs        the documentation as pages, site/index.html"
 	@echo "make baseline    show what moved against results/baseline; gyrocal baseline --write replaces it"
-	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
+	@echo "make bench       measure the kernel against C, a textbook loop and gtsam; results/benchmarks"
 	@echo "make clean       remove the virtual environment and the caches"
 
 reproduce: $(VENV)/run.stamp

@@ -9,17 +9,16 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Arcs
 from gyrocal.calibration.propagation import PSI_SERIES_LIMIT, Propagation
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 SOURCE = Path(__file__).with_name("kernel.c")
 COMPILE = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-Wno-psabi", "-c")
@@ -29,8 +28,7 @@ PAGE = 4096
 SUMS = 45  # P (9) and S of four regressors (36)
 
 
-@dataclass(frozen=True)
-class Variant:
+class Variant(NamedTuple):
     """One way to compile the kernel; the names are the source's macros."""
 
     width: int
@@ -43,17 +41,12 @@ class Variant:
         """Pieces of the stream that run side by side."""
         return self.width * self.vectors
 
-    def defines(self) -> list[str]:
-        """Compiler options."""
-        return [f"-D{name.upper()}={value}" for name, value in asdict(self).items()]
-
 
 VARIANTS = tuple(Variant(width, 32 // width, tile, inside) for width, tile, inside in product((8, 4), (2, 4), (0, 1)))
 QUICK_VARIANTS = (Variant(8, 4, 2, 0), Variant(4, 8, 4, 0))
 
 
-@dataclass(frozen=True)
-class Packed:
+class Packed(NamedTuple):
     """A stream in the kernel's layout."""
 
     increments: Array  # (steps, 4, lanes) of [ω_raw Δt, Δt], zero where a piece is short
@@ -84,17 +77,14 @@ def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDL
         raise RuntimeError("no C compiler: neither $CC nor cc is there")
     libraries = {}
     for number, variant in enumerate(variants):
-        library = folder / f"kernel{number}.so"
-        compiled = library.with_suffix(".o")
-        for command in (
-            [path, *COMPILE, *variant.defines(), "-DGYROS=3", str(SOURCE), "-o", str(compiled)],
-            [path, *LINK, str(compiled), "-o", str(library)],
-        ):
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+        compiled, library = (str(folder / f"kernel{number}{suffix}") for suffix in (".o", ".so"))
+        defines = [f"-D{name.upper()}={value}" for name, value in variant._asdict().items()]
+        for command in ([*COMPILE, *defines, "-DGYROS=3", str(SOURCE), "-o", compiled], [*LINK, compiled, "-o", library]):
+            done = subprocess.run([path, *command], capture_output=True, text=True, check=False)
             if done.returncode:
                 said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
                 raise RuntimeError(f"the C compiler failed: {said.replace(str(SOURCE), SOURCE.name)}")
-        libraries[variant] = ctypes.CDLL(str(library))
+        libraries[variant] = ctypes.CDLL(library)
     return libraries
 
 
@@ -128,12 +118,12 @@ def _page_aligned(shape: tuple[int, ...]) -> Array:
     return memory[offset : offset + size].reshape(shape)
 
 
-def prepared(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Callable[[], Propagation]:
+def prepare_call(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Callable[[], Propagation]:
     """A call of the kernel with nothing left to do but its work; G (3, 3) and bias (3,) rad/s.
 
     A `ValueError` if a step turns too far for the series.
     """
-    increments, pieces = packed.increments, packed.pieces
+    increments, pieces = packed
     G, bias = np.ascontiguousarray(G), np.ascontiguousarray(bias)
     turned = np.einsum("ij,tjl->til", G, increments[:, :-1]) + bias[:, None] * increments[:, -1:]
     if np.linalg.norm(turned, axis=1).max() >= PSI_SERIES_LIMIT:

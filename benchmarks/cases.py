@@ -4,28 +4,24 @@ A case is noise on gyro and references of the TRMM scenario and one iteration.
 """
 
 import json
-import resource
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.processes import read_peak_rss_mb
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
 from gyrocal.calibration.increment_packing import compute_packed_shape
+from simulator.arrays import Array
 from simulator.simulate import realise
 from simulator.streams import generator
 from studies.calibration.shared_truth import get_workspace
 
-Array = NDArray[np.float64]
-
 BLOCK = 1000  # cases over which processor time is taken; the least of the blocks counts
-KIB = 1024
 
 
-def case(flight: Flight, number: int) -> Array:
+def compute_case(flight: Flight, number: int) -> Array:
     """x (12,) and its sigma (12,) of one case: one pass over the samples, as an onboard calibration would do it."""
     gyro_rng, reference_rng = (generator(ENTROPY, number, name) for name in ("gyro_noise", "reference_noise"))
     noisy = get_workspace("rates", flight.rates.shape)
@@ -36,26 +32,14 @@ def case(flight: Flight, number: int) -> Array:
     return np.concatenate([result.x[1], np.sqrt(np.diag(result.P))])
 
 
-def peak_rss_mb() -> float:
-    """Largest resident memory of this process, MB.
-
-    Where the kernel tells, that of this program alone: ru_maxrss starts from the parent's, which exec does not reset.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        kib = next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return float(kib) * KIB / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else KIB) / 1e6
-
-
 def run(count: int) -> dict[str, float | int | None]:
     """Do the cases; the largest sigma shows that each was done."""
     flight = Flight.trmm()
-    case(flight, 0)
+    compute_case(flight, 0)
     blocks, wall, begun = [], time.perf_counter(), time.process_time()
     block, largest = begun, 0.0
     for number in range(count):
-        largest = max(largest, float(case(flight, number)[12:].max()))
+        largest = max(largest, float(compute_case(flight, number)[12:].max()))
         if number % BLOCK == BLOCK - 1:
             now = time.process_time()
             blocks.append((now - block) / BLOCK)
@@ -66,7 +50,7 @@ def run(count: int) -> dict[str, float | int | None]:
         "cpu_ms_per_case_mean": 1e3 * (time.process_time() - begun) / count,
         "cpu_ms_per_case_least": 1e3 * min(blocks) if blocks else None,
         "largest_sigma": largest,
-        "peak_rss_mb": peak_rss_mb(),
+        "peak_rss_mb": read_peak_rss_mb(),
     }
 
 

@@ -6,23 +6,19 @@ first so many of the list, with all unlisted rivals. With a GAP of 1 the bias of
 are searched for; with 0 there is nothing to find.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.cases import peak_rss_mb
+from benchmarks.processes import read_peak_rss_mb
 from diagnosis.diagnose import diagnose
 from gyrocal import Attitudes, GyroStream, Interval, Recording
+from simulator.arrays import Array
 from simulator.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 SAMPLE_S = 0.01
 INTERVALS = 20
@@ -35,7 +31,7 @@ SEED = 20260501
 STEP_SIGMAS = 10.0  # of a reference, which the step turns the body by in an interval
 
 
-def recording(samples: int, references: int) -> Recording:
+def build_recording(samples: int, references: int) -> Recording:
     """A recording of M0 with about so many samples and references."""
     rng = np.random.default_rng(SEED)
     count, each = max(samples // INTERVALS, 100), max(references // INTERVALS, 2)
@@ -69,7 +65,7 @@ def _compute_angle(t_s: Array, length: float) -> Array:
     return np.asarray(SLEW * np.clip(t_s - length / 3, 0.0, min(60.0, length / 3)))
 
 
-def with_step(recording: Recording) -> Recording:
+def add_step(recording: Recording) -> Recording:
     """The recording with a step of the first gyro's bias between its intervals, in the middle of all."""
     gyro, middle = recording.gyro, recording.intervals[INTERVALS // 2]
     rates = gyro.rates.copy()
@@ -80,9 +76,10 @@ def with_step(recording: Recording) -> Recording:
 def run(samples: int, references: int, effects: int, gap: int) -> dict[str, float | int | str]:
     """Cost of one diagnosis."""
     library = list(EFFECTS)[:effects]
-    diagnose(recording(2000, 40), library=library)
-    one = recording(samples, references)
-    one = with_step(one) if gap else one
+    diagnose(build_recording(2000, 40), library=library)
+    one = build_recording(samples, references)
+    if gap:
+        one = add_step(one)
     begun = time.process_time()
     found = diagnose(one, library=library)
     return {
@@ -92,10 +89,9 @@ def run(samples: int, references: int, effects: int, gap: int) -> dict[str, floa
         "gap": gap,
         "verdict": found.verdict,
         "cpu_s": time.process_time() - begun,
-        "peak_rss_mb": peak_rss_mb(),
+        "peak_rss_mb": read_peak_rss_mb(),
     }
 
 
 if __name__ == "__main__":
-    numbers = [int(text) for text in sys.argv[1:]]
-    print(json.dumps(run(*numbers)))
+    print(json.dumps(run(*map(int, sys.argv[1:]))))

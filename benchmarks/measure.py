@@ -1,24 +1,19 @@
 """All measurements of one run, as a document."""
 
-import contextlib
 import ctypes
-import json
 import platform
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import metadata
 from os import cpu_count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks import c_kernel, mission_loop, references
-from benchmarks.starts import measure_starts
+from benchmarks.processes import measure_starts, run_module
 from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
-from gyrocal import Arcs, GyroParameters
 from studies.montecarlo.manifest import REPORTED_PACKAGES, read_commit
 
 METHOD = (
@@ -81,7 +76,7 @@ class Effort:
     # factor on the number of samples → rounds of kernel and C
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
     variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS  # C variants to compile
-    slow: int = 10  # rounds of gtsam and scipy
+    slow: int = 10  # rounds of gtsam
     cases: tuple[int, ...] = (100, 10_000)  # numbers of Monte Carlo cases
     # days of Mission Mode, seconds of it compiled and plain in turn, rounds
     mission: tuple[float, float, int] = (30.0, 6000.0, 3)
@@ -105,16 +100,16 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
     """
     effort, flight, reasons = QUICK if quick else Effort(), Flight.trmm(), dict[str, str]()
     say("the kernel against C")
-    with _build_libraries(effort.variants, reasons) as libraries:
-        growth = [_measure_growth(flight, finer, rounds, libraries) for finer, rounds in effort.sizes.items()]
-    say("the kernel against a textbook loop, gtsam and scipy")
+    libraries = _build_libraries(effort.variants, reasons)
+    growth = [_measure_growth(flight, finer, rounds, libraries) for finer, rounds in effort.sizes.items()]
+    say("the kernel against a textbook loop and gtsam")
     ms, apart = _measure_others(flight, effort, reasons)
     say("starts of fresh processes")
     starts = measure_starts(flight.recording, 1 if quick else START_ROUNDS)
     say("Monte Carlo cases")
-    cases = [_run_alone("benchmarks.cases", count) for count in effort.cases]
+    cases = [run_module("benchmarks.cases", count) for count in effort.cases]
     say("diagnoses")
-    diagnoses = [_run_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
+    diagnoses = [run_module("benchmarks.diagnosis", *one) for one in effort.diagnoses]
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     cpu_ms = cases[-1]["cpu_ms_per_case_least"] or cases[-1]["cpu_ms_per_case_mean"]
@@ -145,13 +140,13 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
         "growth": {"samples": growth, "cases": cases, "diagnoses": diagnoses},
         "absolute_ms": ms,
         "agreement": apart,
-        "goals": {name: _judge(values[name], limit) for name, limit in GOALS.items()},
+        "goals": {
+            name: {"value": value, "goal": limit, "met": None if value is None else value <= limit}
+            for name, limit in GOALS.items()
+            for value in [values[name]]
+        },
         "reasons": reasons,
     }
-
-
-def _judge(value: float | None, limit: float) -> dict[str, Any]:
-    return {"value": value, "goal": limit, "met": None if value is None else value <= limit}
 
 
 def describe_machine() -> dict[str, Any]:
@@ -173,22 +168,13 @@ def describe_machine() -> dict[str, Any]:
 Libraries = dict[c_kernel.Variant, ctypes.CDLL]
 
 
-@contextlib.contextmanager
-def _build_libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Iterator[Libraries]:
-    with tempfile.TemporaryDirectory() as folder:
+def _build_libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Libraries:
+    with tempfile.TemporaryDirectory() as folder:  # what is loaded outlives its file
         try:
-            libraries = c_kernel.build(variants, Path(folder))
+            return c_kernel.build(variants, Path(folder))
         except RuntimeError as error:
             reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
-            libraries = {}
-        yield libraries
-
-
-def _prepare_calls(libraries: Libraries, arcs: Arcs, parameters: GyroParameters) -> dict[c_kernel.Variant, Callable[[], Any]]:
-    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    return {
-        one: c_kernel.prepared(library, packed[one.lanes], parameters.G, parameters.bias) for one, library in libraries.items()
-    }
+            return {}
 
 
 def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> dict[str, Any]:
@@ -197,7 +183,11 @@ def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Librarie
     if arcs.beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
-    calls = _prepare_calls(libraries, arcs, parameters)
+    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
+    calls = {
+        one: c_kernel.prepare_call(library, packed[one.lanes], parameters.G, parameters.bias)
+        for one, library in libraries.items()
+    }
     apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
     _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
     _check(f"the first pass over {len(arcs.dt)} samples", disagreement(run_unpacked(arcs, parameters), expected), AGREEMENT)
@@ -213,7 +203,7 @@ def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Librarie
         "c_ms": c_ms,
         "kernel_vs_c": None if c_ms is None else ms["kernel"] / c_ms,
         "pack_vs_kernel": ms["first_pass"] / ms["kernel"] - 1,
-        "c_variant": None if best is None else asdict(best),
+        "c_variant": None if best is None else best._asdict(),
         "c_disagreement": apart,
     }
 
@@ -225,12 +215,11 @@ def _measure_others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> 
     kept: list[tuple[Any, Any]] = []  # the textbook loop is too slow to run again for its result
     candidates = {
         "kernel": Candidate(lambda: run_packed(arcs, parameters), 10 * effort.slow),
-        "scipy_rotation": Candidate(lambda: references.scipy_rotation(arcs, parameters), effort.slow),
-        "textbook": Candidate(lambda: kept.append(references.textbook(arcs, parameters)), 1),
+        "textbook": Candidate(lambda: kept.append(references.propagate_textbook(arcs, parameters)), 1),
     }
-    apart = {"scipy_rotation": float(abs(references.scipy_rotation(arcs, parameters) - expected.R).max())}
+    apart = {}
     try:
-        integrate = references.gtsam_rotation(arcs, parameters)
+        integrate = references.prepare_gtsam(arcs, parameters)
         apart["gtsam"] = float(abs(integrate() - expected.R).max())
         candidates["gtsam"] = Candidate(integrate, effort.slow)
     except ImportError:
@@ -247,11 +236,3 @@ def _measure_others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> 
 def _check(name: str, apart: float | None, limit: float) -> None:
     if apart is not None and not apart < limit:
         raise AssertionError(f"{name} differs from the project's kernel by {apart:.1e}, more than {limit:g}")
-
-
-def _run_alone(module: str, *arguments: int) -> dict[str, Any]:
-    """Return the output of a module that runs in a fresh process."""
-    command = [sys.executable, "-m", module, *map(str, arguments)]
-    done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
-    result: dict[str, Any] = json.loads(done.stdout)
-    return result

@@ -5,13 +5,11 @@ compilation brings, and a check of it, since both must fly the same. They take t
 """
 
 import json
-import os
-import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
+from benchmarks.processes import run_module
 from simulator.mission_mode.config import MissionConfig, build_period_tables
 from simulator.mission_mode.flight import MissionRun, simulate_mission
 
@@ -28,16 +26,6 @@ def fly(seconds: float) -> tuple[float, MissionRun]:
     return time.perf_counter() - start, run
 
 
-def plain(seconds: float) -> tuple[float, list[list[float]]]:
-    """Wall time, s, and telemetry of the same run by the interpreter."""
-    command = [sys.executable, "-m", "benchmarks.mission_loop", str(seconds)]
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    folder = Path(__file__).parents[1]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
-    document = json.loads(done.stdout)
-    return document["wall_s"], document["telemetry"]
-
-
 def run(days: float, plain_seconds: float, rounds: int) -> dict[str, Any]:
     """Measure both; an `AssertionError` if the two do not fly the same.
 
@@ -50,11 +38,11 @@ def run(days: float, plain_seconds: float, rounds: int) -> dict[str, Any]:
     fly(1.0)  # compiles, or loads what was compiled
     compiled_s, plain_s = float("inf"), float("inf")
     for _ in range(rounds):
-        took, slow = plain(plain_seconds)
-        plain_s = min(plain_s, took)
+        plain = run_module("benchmarks.mission_loop", plain_seconds, NUMBA_DISABLE_JIT="1")
+        plain_s = min(plain_s, plain["wall_s"])
         took, fast = fly(plain_seconds)
         compiled_s = min(compiled_s, took)
-    apart = float(abs(fast.telemetry.to_numpy() - slow).max())
+    apart = float(abs(fast.telemetry.to_numpy() - plain["telemetry"]).max())
     if not apart < AGREEMENT_DEG:
         raise AssertionError(f"compiled and plain run differ by {apart:.1e} deg")
     long_s, _ = fly(days * DAY)

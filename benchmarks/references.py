@@ -1,21 +1,17 @@
-"""Other ways to propagate: the textbook's loop, gtsam and scipy."""
+"""Other ways to propagate: the textbook's loop and gtsam."""
 
 from collections.abc import Callable
 from math import sin
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gyrocal import Arcs, GyroParameters
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 SMALL = 1e-4  # rad; below it the closed forms lose digits and two terms of the series are exact
 
 
-def textbook(arcs: Arcs, parameters: GyroParameters) -> tuple[Array, Array]:
+def propagate_textbook(arcs: Arcs, parameters: GyroParameters) -> tuple[Array, Array]:
     """Θ_k = ψ_k F_k + R_k Θ_{k−1} with 3×3 matrices, sample by sample, as N (15), (21)–(28) has it.
 
     Returns
@@ -47,7 +43,7 @@ def _coefficients(phi: float) -> tuple[float, float, float]:
     return sin(phi) / phi, 2 * (sin(phi / 2) / phi) ** 2, (phi - sin(phi)) / phi**3
 
 
-def gtsam_rotation(arcs: Arcs, parameters: GyroParameters) -> Callable[[], Array]:
+def prepare_gtsam(arcs: Arcs, parameters: GyroParameters) -> Callable[[], Array]:
     """gtsam's PreintegratedRotation over the arcs, with its bias Jacobian (3 of our 12 columns); ImportError without gtsam.
 
     Its rates are adjusted beforehand and not timed, since G is none of its business.
@@ -61,24 +57,13 @@ def gtsam_rotation(arcs: Arcs, parameters: GyroParameters) -> Callable[[], Array
     adjusted = arcs.raw @ parameters.G.T + parameters.bias
     zero, settings = np.zeros(3), gtsam.PreintegratedRotationParams()
 
-    def integrate(first: int, last: int) -> Any:
-        integration = gtsam.PreintegratedRotation(settings)
-        for k in range(first, last):
-            integration.integrateGyroMeasurement(adjusted[k], zero, arcs.dt[k])
-        return integration.deltaRij().matrix().T
+    def integrate() -> Array:
+        out = np.empty((len(arcs.first), 3, 3))
+        for output, (first, last) in enumerate(zip(arcs.first, arcs.last, strict=True)):
+            integration = gtsam.PreintegratedRotation(settings)
+            for k in range(first, last):
+                integration.integrateGyroMeasurement(adjusted[k], zero, arcs.dt[k])
+            out[output] = integration.deltaRij().matrix().T
+        return out
 
-    return lambda: np.array([integrate(first, last) for first, last in zip(arcs.first, arcs.last, strict=True)])
-
-
-def scipy_rotation(arcs: Arcs, parameters: GyroParameters) -> Array:
-    """R (m, 3, 3) alone, no Θ, by scipy's Rotation: all steps at once, then neighbours multiplied until one is left."""
-    steps = (arcs.raw @ parameters.G.T + parameters.bias) * -arcs.dt[:, None]
-    out = np.empty((len(arcs.first), 3, 3))
-    for output, (first, last) in enumerate(zip(arcs.first, arcs.last, strict=True)):
-        rotations = Rotation.from_rotvec(steps[first:last])
-        while len(rotations) > 1:
-            even = len(rotations) // 2 * 2
-            joined = rotations[1:even:2] * rotations[0:even:2]
-            rotations = joined if even == len(rotations) else Rotation.concatenate([joined, rotations[even:]])
-        out[output] = rotations.as_matrix()[0]
-    return out
+    return integrate

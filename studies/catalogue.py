@@ -75,7 +75,7 @@ def load_study_file(path: Path) -> Entry:
     found = getattr(module, "ENTRY", None)
     study = getattr(module, "STUDY", None) if found is None else found.study
     if not isinstance(study, Study):
-        raise InputError(f"{path}: has no STUDY; see docs/own_study.md for an example")
+        raise InputError(f"{path}: has no STUDY; see docs/studies.md for an example")
     where, _, attribute = study.name.partition(":")
     if where != path.stem or getattr(module, attribute, None) != study:
         raise InputError(f'{path}: its STUDY is called {study.name!r}; call it "{path.stem}:STUDY"')

@@ -1,7 +1,7 @@
 """Sentinel-2A in flight: join four gyros and two star trackers, calibrate, and predict both trackers' attitudes after 65 s.
 
 Contains modified Copernicus Sentinel data 2020. ``python docs/examples/sentinel2a.py`` writes sentinel2a/prediction.csv beside
-itself, or another file that is given. docs/sentinel2a.md has the results.
+itself, or another file that is given. docs/predict.md has the results.
 """
 
 import sys

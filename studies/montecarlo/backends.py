@@ -28,8 +28,7 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool, ShutdownExecutorError
 
 from gyrocal.errors import GyrocalError, InputError
-from studies.montecarlo.cases import Result, Task, list_running_cases
-from studies.montecarlo.time_limit import end_child
+from studies.montecarlo.cases import Result, Task, end_child, list_running_cases
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]

@@ -2,9 +2,18 @@
 
 A case that raises is a row with its error, and a traceback in the result. A worker's warnings, which nobody would see, are
 counted.
+
+With a limit of its time a case runs in a child process of its worker, which ends itself at the limit whatever the case does.
+The timer is a thread in C (`faulthandler`). It also ends compiled code that never gives the interpreter back, and writes where
+the case was. The child is kept for the next cases and ends with its worker.
 """
 
+import faulthandler
 import os
+import signal
+import subprocess
+import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -14,6 +23,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +35,7 @@ from studies.montecarlo.manifest import describe_provenance
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, draw_case_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
-KILLED = "WorkerDied: killed its worker"
+GRACE_S = 10.0  # beyond the limit of a case, after which the worker itself ends a child that did not
 INT64 = range(-(2**63), 2**63)
 KINDS: dict[type, str] = {type(None): "nothing", bool: "truth value", int: "number", float: "number", str: "text"}
 # A worker of a cluster may have several threads, while the settings below are those of the process.
@@ -112,10 +123,8 @@ def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
     tracebacks: dict[int, str] = {}
     with ONE_AT_A_TIME, _note_cases(task.watch) as note, run_single_threaded() as messages:
         if task.limit_s:
-            from studies.montecarlo.time_limit import run_limited
-
             singles = (replace(task, cases=range(case, case + 1)) for case in task.cases)
-            return merge_results(run_limited(one, kinds, note) for one in singles)
+            return merge_results(_run_limited(one, kinds, note) for one in singles)
         made_with = describe_provenance(study)  # before the cases, while what was imported is young
         start = time.process_time()
         for case in task.cases:
@@ -129,16 +138,12 @@ def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
         return Result(rows, tracebacks, time.process_time() - start, messages, made_with)
 
 
-def build_failed_result(task: Task, error: str, text: str) -> Result:
-    """Result of a single case that was ended, with what is known of it."""
+def build_ended_result(task: Task, trace: str = "") -> Result:
+    """Result of a single case that was ended at its limit, and where it was; without a trace it has killed its worker."""
     (case,) = task.cases
-    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{text}"})
-
-
-def build_killed_result(task: Task) -> Result:
-    """Result of a single case whose worker died of it."""
-    text = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
-    return build_failed_result(task, KILLED, text)
+    error = f"TimeLimit: took longer than {task.limit_s:g} s" if trace else "WorkerDied: killed its worker"
+    died = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
+    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{trace or died}"})
 
 
 def merge_results(results: Iterable[Result]) -> Result:
@@ -179,3 +184,75 @@ def _convert_row(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict
             raise TypeError(f"column {name}: {kind} in this case, {kinds[name]} in another")
         plain[name] = item
     return plain
+
+
+class _Child:
+    """A process that runs single cases for this one."""
+
+    def __init__(self) -> None:
+        self.pipe, theirs = Pipe()
+        self.trace = tempfile.TemporaryFile("w+")  # noqa: SIM115  # open as long as the child
+        files = (theirs.fileno(), self.trace.fileno())
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-c", f"from studies.montecarlo.cases import serve; serve{files}"],
+            pass_fds=files,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(place or os.getcwd() for place in sys.path)},
+            stdin=subprocess.DEVNULL,
+        )
+        theirs.close()
+
+    def run(self, task: Task, kinds: dict[str, str], note: Callable[[int], object]) -> Result:
+        """Run the case of a task and note its begin; `EOFError` if the child ends before it, or does not end it in time."""
+        self.pipe.send((task, kinds))
+        self.pipe.recv()  # the study is imported
+        note(task.cases.start)
+        if not self.pipe.poll(task.limit_s + GRACE_S):
+            self.trace.write(f"No answer {GRACE_S:g} s after the limit.\n")
+            raise EOFError
+        result, found = self.pipe.recv()
+        kinds |= found
+        return result
+
+    def end(self) -> str:
+        """End the process; returns where it was at the limit, empty if it did not reach it."""
+        self.process.kill()
+        self.process.wait()
+        self.pipe.close()
+        with self.trace as file:
+            file.seek(0)
+            return file.read()
+
+
+_children: list[_Child] = []  # of this process, one at most
+
+
+def _run_limited(task: Task, kinds: dict[str, str], note: Callable[[int], object]) -> Result:
+    """Run a single case in a child process: one that takes longer than the limit, or kills the child, failed."""
+    if not _children:
+        _children.append(_Child())
+    try:
+        return _children[0].run(task, kinds, note)
+    except (EOFError, ConnectionError):
+        return build_ended_result(task, end_child())
+    except BaseException:
+        end_child()
+        raise
+
+
+def end_child() -> str:
+    """End the child of this process, if there is one; returns where it was at the limit."""
+    return _children.pop().end() if _children else ""
+
+
+def serve(pipe: int, trace: int) -> None:
+    """Be a child: run each case that comes through the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(EOFError, ConnectionError), Connection(pipe) as worker:
+        while True:
+            task, kinds = worker.recv()
+            describe_provenance(find(task.study, task.folder))  # is no part of the case's time
+            worker.send(None)
+            faulthandler.dump_traceback_later(task.limit_s, exit=True, file=trace)
+            result = run_cases(replace(task, limit_s=0.0, watch=""), kinds)
+            faulthandler.cancel_dump_traceback_later()
+            worker.send((result, kinds))

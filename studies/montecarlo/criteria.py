@@ -221,13 +221,10 @@ class Requirement:
     def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0, infinite: int = 0) -> Answer:
         """Answer from the number of cases and of those beyond the limit."""
         q, risk = self.failure_probability, 1 - self.confidence / 100
-        outcome: Outcome = "undecided"
+        met, missed = (tail(beyond, cases, q) <= risk for tail in (compute_tail_below, compute_tail_above))
+        outcome: Outcome = "met" if met else "not met" if missed else "undecided"
         fewest, expected = 0, 0.0
-        if compute_tail_below(beyond, cases, q) <= risk:
-            outcome = "met"
-        elif compute_tail_above(beyond, cases, q) <= risk:
-            outcome = "not met"
-        else:
+        if outcome == "undecided":
             fewest = count_runs(beyond, q, risk) - cases
             expected = _estimate_runs(beyond / cases, cases, q, risk) - cases if beyond else fewest
         return Answer(str(self), outcome, cases, beyond, failed, empty, infinite, fewest, expected)

@@ -21,7 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,16 +33,10 @@ from pydantic import ValidationError
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor, Name, SchedulerLostError, open_backend
-from studies.montecarlo.cases import Result, Task, build_killed_result, merge_results, run_cases, run_single_threaded
+from studies.montecarlo.cases import Result, Task, build_ended_result, merge_results, run_cases, run_single_threaded
 from studies.montecarlo.criteria import StoppingRule, list_checkpoints
 from studies.montecarlo.files import write_bytes
-from studies.montecarlo.manifest import (
-    MANIFEST,
-    collect_versions,
-    describe_provenance,
-    list_changes,
-    write_manifest,
-)
+from studies.montecarlo.manifest import MANIFEST, collect_versions, describe_provenance, list_changes, write_manifest
 from studies.montecarlo.store import ANOTHER_FOLDER, PartInfo, Parts, build_table
 from studies.montecarlo.study import (
     GridConfig,
@@ -159,20 +153,15 @@ def run(
     StudyInterrupted
         Ctrl-C; what has ended is kept.
     """
-    task_for, ready = _prepare(study, config)
+    task_for, ready, about = _prepare(study, config)
     if until and (isinstance(ready, GridConfig) or (ready.sampler == "lhs" and ready.dispersions)):
         raise InputError(f"study {study.name}: --until needs cases of which the first ones are a sample, not a grid or lhs")
     folder = Path(folder)
     with open_study_folder(folder):
-        about = _describe_configuration(study, config)
         earlier = _load_earlier_manifest(about, folder)
         parts = Parts(folder, config.cases, about["config_sha256"])
-        about |= {
-            **collect_versions(["distributed"] if backend == "dask" else []),
-            "backend": backend,
-            "jobs": None,
-            "limit_s": limit_s,
-        }
+        about |= collect_versions(["distributed"] if backend == "dask" else [])
+        about |= {"backend": backend, "jobs": None, "limit_s": limit_s}
         session = _Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
         resumed = session.done
@@ -182,26 +171,17 @@ def run(
             if missing:
                 workers = open_backend(backend, run_cases, jobs, scheduler)
                 with TemporaryDirectory(prefix="gyrocal-") as watch, run_single_threaded() as messages, workers:
-                    options: dict[str, Any] = {"limit_s": limit_s, "watch": watch}
-                    running = partial(workers.list_running, watch)
+                    watched, running = partial(task_for, limit_s=limit_s, watch=watch), partial(workers.list_running, watch)
                     with progress(study.name, sum(map(len, missing)), running=running) as advance:
-                        session.finish(workers, lambda cases: replace(task_for(cases), **options), missing, advance, until)
+                        session.finish(partial(session.run_cases, workers, watched, advance), missing, until)
                 session.count(messages)
             else:
-                session.finish(None, task_for, missing, lambda count: None, until)
+                session.finish(lambda cases: None, missing, until)
             parts.write_table(table, session.cases)
             manifest = session.write("complete")
-    return Outcome(
-        folder=folder,
-        table=table,
-        cases=session.cases,
-        resumed=min(resumed, session.cases),
-        failures=dict(sorted(session.failures.items())),
-        warnings=dict(session.warnings),
-        wall_s=session.wall_s,
-        cpu_s=session.cpu_s,
-        manifest=manifest,
-    )
+    failures, warnings = dict(sorted(session.failures.items())), dict(session.warnings)
+    ran = session.cases, min(resumed, session.cases), failures, warnings, manifest["wall_s"], session.cpu_s
+    return Outcome(folder, table, *ran, manifest)
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
@@ -214,10 +194,10 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     study, config, folder : as given to `run`
     case : number of the case
     """
-    task_for, ready = _prepare(study, config)
-    _check_case(config, case)
+    task_for, ready, about = _prepare(study, config)
+    if not 0 <= case < config.cases:
+        raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
     folder = Path(folder)
-    about = _describe_configuration(study, config)
     earlier = _load_earlier_manifest(about, folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
@@ -249,57 +229,42 @@ def read_study_manifest(folder: Path) -> dict[str, Any] | None:
     return dict(manifest)
 
 
-def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
-    """Return a maker of tasks from ranges of cases, and the resolved configuration."""
+def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[..., Task], StudyConfig, dict[str, Any]]:
+    """Return a maker of tasks from ranges of cases, the resolved configuration, and what the manifest says of both.
+
+    That is the configuration as given, the resolved scenario, and the hash of both.
+    """
     folder = find_study_folder(study)
     if find(study.name, folder) != study:
         raise InputError(f"study {study.name}: what stands there is not the study of that name")
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
     ready = resolve_config(config)
-    text = ready.model_dump_json()
-    return lambda cases: Task(study.name, text, cases, folder), study.config.model_validate_json(text)
-
-
-def _check_case(config: StudyConfig, case: int) -> None:
-    if not 0 <= case < config.cases:
-        raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
-
-
-def _describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]:
-    """Describe a study for the manifest: its configuration as given, the resolved scenario, and the hash of both."""
-    ready = resolve_config(config)
-    given = config.model_dump(mode="json")
+    text, given = ready.model_dump_json(), config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
         given["scenario"] = config.scenario.title
     scenario = ready.model_dump(mode="json")["scenario"]
-    return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": hash_config(study, ready)}
+    about = {"study": study.name, "config": given, "scenario": scenario, "config_sha256": hash_config(study, ready)}
+    return partial(Task, study.name, text, folder=folder), study.config.model_validate_json(text), about
 
 
 def _load_earlier_manifest(about: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
     """Manifest of the same study in the folder, None if there is none; `InputError` if it is of another study."""
     found = read_study_manifest(folder)
-    if found is None or not (what := list_changes(*map(_identify_study, (found, about)))):
+    if found is None or found["config_sha256"] == about["config_sha256"]:
         return found
-    settings = ({"study": one.get("study"), **one.get("config", {})} for one in (found, about))
-    raise InputError(
-        f"{folder}: holds a study with another configuration ({list_changes(*settings) or what}); {ANOTHER_FOLDER}"
-    )
-
-
-def _identify_study(about: Mapping[str, Any]) -> dict[str, Any]:
-    """What the rows depend on: the scenario's content in place of its name or path, and the order of the dispersions."""
-    config = {name: value for name, value in about.get("config", {}).items() if name not in ("scenario", "overrides")}
-    order = list(config.get("dispersions", {}))
-    return {"study": about.get("study"), **config, "scenario": about.get("scenario"), "order of dispersions": order}
+    settings = [{"study": one.get("study"), **one.get("config", {})} for one in (found, about)]
+    # With the same settings the content of a scenario file differs, or the order of the dispersions.
+    orders = [list(config.get("dispersions", {})) for config in settings]
+    content = [{"scenario": one.get("scenario"), "order": order} for one, order in zip((found, about), orders, strict=True)]
+    what = list_changes(*settings) or list_changes(*content)
+    raise InputError(f"{folder}: holds a study with another configuration ({what}); {ANOTHER_FOLDER}")
 
 
 def _is_same_table(before: pd.DataFrame, now: pd.DataFrame) -> bool:
     """Whether two tables of a case hold the same; columns that only other cases have are empty."""
-    if not set(now) <= set(before):
-        return False
-    empty = [name for name in before if name not in now]
-    return bool(before[empty].isna().all(axis=None)) and before[list(now)].equals(now)
+    empty = before.drop(columns=list(now), errors="ignore")
+    return set(now) <= set(before) and bool(empty.isna().all(axis=None)) and before[list(now)].equals(now)
 
 
 def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | None:
@@ -378,20 +343,13 @@ class _Session:
             return
         raise InputError(f"{self.parts.folder}: {self.done} finished cases were computed {how}; {ANOTHER_FOLDER}")
 
-    def finish(
-        self,
-        workers: Executor | None,
-        task_for: Callable[[range], Task],
-        missing: list[range],
-        advance: Callable[[int], None],
-        until: StoppingRule | None,
-    ) -> None:
+    def finish(self, run_missing: Callable[[list[range]], None], missing: list[range], until: StoppingRule | None) -> None:
         """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
         for stop in list_checkpoints(self.cases, self.parts.size) if until else [self.cases]:
             now = [cases for cases in missing if cases.stop <= stop]
             missing = missing[len(now) :]
-            if workers and now:
-                self._run_cases(workers, task_for, now, advance)
+            if now:
+                run_missing(now)
             if until is None:
                 return
             table, columns = self.parts.table(stop), list(dict.fromkeys(["case", "error", until.column]))
@@ -403,8 +361,8 @@ class _Session:
                 self.failures = {case: error for case, error in self.failures.items() if case < stop}
                 return
 
-    def _run_cases(
-        self, workers: Executor, task_for: Callable[[range], Task], missing: list[range], advance: Callable[[int], None]
+    def run_cases(
+        self, workers: Executor, task_for: Callable[..., Task], advance: Callable[[int], None], missing: list[range]
     ) -> None:
         """Run cases; those of a task whose worker died are run again, each alone."""
         died = []
@@ -417,7 +375,7 @@ class _Session:
                     advance(len(task.cases))
             for task in died:
                 singles = [task_for(range(case, case + 1)) for case in task.cases]
-                alone = (result or build_killed_result(single) for single, result in workers.results(singles, alone=True))
+                alone = (result or build_ended_result(single) for single, result in workers.results(singles, alone=True))
                 self._store(task.cases, merge_results(alone))
                 advance(len(task.cases))
         finally:
@@ -444,18 +402,13 @@ class _Session:
         self.failures.update(failures)
         self.cpu_s += cpu_s
 
-    @property
-    def wall_s(self) -> float:
-        """Elapsed time of the run, s."""
-        return time.monotonic() - self.begun
-
     def write(self, status: str) -> dict[str, Any]:
         """Write the manifest, and return it without the hashes."""
         document = self.about | {
             "cases": self.cases,
             "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEED_FORMULA},
             "status": status,
-            "wall_s": round(self.wall_s, 3),
+            "wall_s": round(time.monotonic() - self.begun, 3),
             "cpu_s": round(self.cpu_s, 3),
             "done": self.done,
             "failed": len(self.failures),

@@ -10,7 +10,6 @@ import platform
 import re
 import subprocess
 import sys
-import sysconfig
 from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
 from importlib import import_module, metadata
@@ -31,7 +30,6 @@ AT_WORK = ("parts", "failures", "cases", WORK)  # folders of a study that hold n
 PROJECT = Path(gyrocal.__file__).resolve().parents[1]
 SOURCE_PACKAGES = ("gyrocal", "simulator", "diagnosis", "studies")
 TABLE_SUFFIXES = (".csv", ".json", ".toml")
-STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib")).resolve()
 IMPORT = re.compile(  # one that begins a line, or follows ; or :, and one by a constant name
     r"(?:^|[;:])[ \t]*(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n;]+)|import\s+([^\n;]+))"
     r"""|import_module\(\s*["']([\w.]+)["']""",
@@ -114,13 +112,9 @@ def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
 
 def _is_installed(name: str, spec: ModuleSpec) -> bool:
     """Check whether a top-level module is of the standard library or an installed package, not of this project."""
-    if name in SOURCE_PACKAGES:
-        return False
-    paths = [Path(path).resolve() for path in spec.submodule_search_locations or [str(spec.origin)]]
-    installed = {"site-packages", "dist-packages"}
-    return spec.origin in ("built-in", "frozen") or any(
-        path.is_relative_to(STANDARD_LIBRARY) or installed & {*path.parts} for path in paths
-    )
+    places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
+    installed = any({"site-packages", "dist-packages"} & {*place.parts} for place in places)
+    return name not in SOURCE_PACKAGES and (installed or name in sys.stdlib_module_names)
 
 
 def _read_imports(module: str, path: Path, is_package: bool) -> list[str]:

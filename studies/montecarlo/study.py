@@ -1,4 +1,4 @@
-"""What a study is: a configuration, and a function from it, a case number and random streams to a row. See docs/own_study.md.
+"""What a study is: a configuration, and a function from it, a case number and random streams to a row. See docs/studies.md.
 
 The name says where a worker finds the study, so that a worker needs nothing but the name, the configuration as JSON and a
 range of case numbers. A case may draw from its streams only: then its row depends on the configuration and its number alone.
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import Recording, format_validation_error, read_toml
@@ -62,16 +62,11 @@ class StudyConfig(BaseModel):
     correlations: tuple[Correlation, ...] = ()
 
     # Not as constraints of the fields, which a study that gives another default would lose.
-    @field_validator("cases")
+    @field_validator("cases", "entropy")
     @classmethod
-    def _check_cases(cls, value: int) -> int:
-        if not 1 <= value <= MAX_CASE:
+    def _check_range(cls, value: int, info: ValidationInfo) -> int:
+        if info.field_name == "cases" and not 1 <= value <= MAX_CASE:
             raise ValueError(f"must be between 1 and {MAX_CASE}")
-        return value
-
-    @field_validator("entropy")
-    @classmethod
-    def _check_entropy(cls, value: int) -> int:
         if value < 0:
             raise ValueError("must not be negative")
         return value

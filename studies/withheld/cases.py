@@ -15,10 +15,10 @@ import json
 import resource
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -167,16 +167,12 @@ class World:
     attempt: int
     plan: Plan
     model: ResidualModel
+    noises: dict[int, tuple[Array, Array]] = field(default_factory=dict)  # rates and references with noise alone, by draw
 
     @cached_property
     def around(self) -> Surroundings:
         """The truth as effects see it."""
         return build_surroundings(self.plan.plain, self.plan.motion)
-
-    @cached_property
-    def noises(self) -> dict[int, tuple[Array, Array]]:
-        """Rates and references with noise alone, by draw."""
-        return {}
 
     def rng(self, name: str) -> np.random.Generator:
         """A stream of the case."""
@@ -227,8 +223,7 @@ class World:
         return np.concatenate([self.model.respond(change), self.model.roughen(change.raw).ravel()])
 
 
-@dataclass(frozen=True)
-class Placed:
+class Placed(NamedTuple):
     """An effect of a case with its signal-to-noise ratios in attitude and samples."""
 
     setting: Setting
@@ -241,8 +236,7 @@ class Placed:
         return float(np.hypot(self.attitude, self.samples))
 
 
-@dataclass(frozen=True)
-class DrawnCase:
+class DrawnCase(NamedTuple):
     """A case: its kind, its plan, and its effects, one outside the library last."""
 
     kind: str
@@ -359,10 +353,8 @@ def measure_left_power(world: World, one: Setting, cause: Cause) -> float:
     given: dict[str, Value] = {p.name: p.default for p in effect.parameters if p.default is not None} | cause["parameters"]
     stated = Setting(effect.name, cause["axis"], cause["size"], given)
     try:
-        if not effect.has_columns:
-            columns = world.respond(world.change(stated))[:, None]
-        else:
-            columns = np.stack([world.respond(change) for change in _list_column_changes(world, effect, stated)], axis=1)
+        changes = _list_column_changes(world, effect, stated) if effect.has_columns else [world.change(stated)]
+        columns = np.stack([world.respond(change) for change in changes], axis=1)
     except InputError:
         return 1.0
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
@@ -542,17 +534,18 @@ def describe_answer(drawn: DrawnCase, diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _reset_peak_memory(place: Path = Path("/proc/self/clear_refs")) -> None:
+def _reset_peak_memory() -> None:
     """Let the system count the peak memory anew; only Linux does."""
-    if place.exists():
+    if (place := Path("/proc/self/clear_refs")).exists():
         place.write_text("5")
 
 
-def _read_peak_memory(place: Path = Path("/proc/self/status")) -> float:
+def _read_peak_memory() -> float:
     """Peak memory since then, MB."""
+    place = Path("/proc/self/status")
     lines = place.read_text().splitlines() if place.exists() else []
-    found = next((line for line in lines if line.startswith("VmHWM")), "")
-    return float(found.split()[1]) / 1024 if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    found = [line.split()[1] for line in lines if line.startswith("VmHWM")]
+    return float(found[0] if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
 
 
 STUDY = Study("studies.withheld.cases:STUDY", WithheldConfig, run_case, make_recording)

@@ -7,13 +7,13 @@ axis (n,) or about all axes (n, 3); a law of the stages that change samples or t
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.signal import lfilter
 
 from simulator.effects import Effect, Parameter, References, Setting, Stream, Surroundings
-from simulator.effects.base import Array, Value
+from simulator.effects.base import AXIS_NAMES, STAGES, Array, Value
 from simulator.effects.common import DEG, DEG_H, PPM, gauss_markov, index, recursion
 from simulator.effects.housekeeping_columns import TEMPERATURE_COLUMN
 from simulator.truth.integration import accumulate
@@ -27,11 +27,12 @@ SIZES = {  # of a unit in rad, rad/s or s, and plausible sizes
     "s": (1.0, (1e-8, 1e2)),
     "share": (1.0, (1e-5, 0.95)),
 }
+CALLS = {stage.name: stage.calls for stage in STAGES}  # method of an effect that each stage calls
 TINY = 1e-30  # keeps a ratio of zeros finite
 TURNING = 1e-3 * DEG  # rad/s; a body that nowhere turns faster does not turn
 DENSE_RAD = 0.5  # turn between two references, up to which their difference is the rate
 
-
+Rng = np.random.Generator | None
 LAW_PARAMETERS = (
     Parameter("phase_deg", "deg", 0.0, "phase", -360.0, 360.0),
     Parameter("share", "", 0.5, "of one, as the law uses it", 0.0, 1.0),
@@ -42,7 +43,7 @@ LAW_PARAMETERS = (
 class LawNumbers:
     """Axis k, phase (rad), share and pace of one, and a source of randomness, which without one is seeded by the numbers."""
 
-    def __init__(self, axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None = None):
+    def __init__(self, axis: str | None, parameters: Mapping[str, Value], rng: Rng = None):
         phase, self.share, self.pace = (float(parameters[one.name]) for one in LAW_PARAMETERS)
         seed = [int(1e6 * (phase + 360)), int(1e9 * self.share), int(1e9 * self.pace)]
         self.k, self.phase = seed[0] % 3 if axis is None else index(axis), float(np.deg2rad(phase))
@@ -67,9 +68,7 @@ class LawNumbers:
 class Samples(LawNumbers):
     """The samples: times t (n,), s, body rates w (n, 3) and own (n,) about the axis, rad/s, and what follows from them."""
 
-    def __init__(
-        self, axis: str | None, parameters: Mapping[str, Value], stream: Stream, rng: np.random.Generator | None = None
-    ):
+    def __init__(self, axis: str | None, parameters: Mapping[str, Value], stream: Stream, rng: Rng = None):
         super().__init__(axis, parameters, rng)
         self.stream, self.t, self.w, self.own = stream, stream.t_s, stream.rates, stream.rates[:, self.k]
         self.sample_s, self.fastest = float(stream.duration_s[0]), float(np.abs(self.w).max())
@@ -106,9 +105,7 @@ class Samples(LawNumbers):
 class Sightings(LawNumbers):
     """The references: times t (m,), s, attitude matrices body (m, 3, 3), and the first reference of each one's interval."""
 
-    def __init__(
-        self, axis: str | None, parameters: Mapping[str, Value], references: References, rng: np.random.Generator | None = None
-    ):
+    def __init__(self, axis: str | None, parameters: Mapping[str, Value], references: References, rng: Rng = None):
         super().__init__(axis, parameters, rng)
         self.references, self.t, self.body = references, references.t_s, convert_to_matrix(references.quaternions)
         begins = np.append(True, np.diff(references.interval) != 0)
@@ -132,11 +129,15 @@ Law = TypeVar("Law", bound=Callable[..., Array])
 
 @dataclass(frozen=True)
 class Family(Effect):
-    """An unlisted effect."""
+    """An unlisted effect, which acts by its law at its stage."""
 
     law: Callable[..., Array] = field(default=np.zeros, compare=False)
     needs: tuple[str, ...] = ()  # what a recording must have: temperature, turns, dense (references that follow the rate)
     side: str = ""  # gyro, reference or time, where that is not the side of its stage
+
+    def implements(self, method: str) -> bool:
+        """Whether its stage calls this method."""
+        return method == CALLS[self.stage]
 
     def missing(self, around: Surroundings) -> str | None:
         """Name what a recording lacks."""
@@ -149,54 +150,39 @@ class Family(Effect):
         }
         return next((f"the recording has no {need}" for need in self.needs if lacks[need]), None)
 
-    def put_on_axes(self, values: Array, axis: str | None) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """Rate error per unit of the size, (n, 3, 1) rad/s."""
+        return self._put_on_axes(self.law(Samples(axis, parameters, stream)), axis)[:, :, None]
+
+    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
+        """Random rate error, (n, 3) rad/s."""
+        seen = Samples(setting.axis, setting.parameters, stream, rng)
+        return setting.size * self._put_on_axes(self.law(seen), setting.axis)
+
+    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
+        """Noise-free rates with the fault in their timing, (n, 3) rad/s."""
+        return self.law(Samples(setting.axis, setting.parameters, stream), raw, setting.size)
+
+    def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
+        """Samples as they are put out, (n, 3) rad/s."""
+        return self.law(Samples(setting.axis, setting.parameters, stream, rng), samples, SIZES[self.unit][0] * setting.size)
+
+    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """Error of the references per unit of the size, (m, 3, 1) rad."""
+        return self._put_on_axes(self.law(Sightings(axis, parameters, references)), axis)[:, :, None]
+
+    def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
+        """Random error of the references, (m, 3) rad."""
+        seen = Sightings(setting.axis, setting.parameters, references, rng)
+        return setting.size * self._put_on_axes(self.law(seen), setting.axis)
+
+    def _put_on_axes(self, values: Array, axis: str | None) -> Array:
         """Values (n,) on the axis, or (n, 3) on all, in rad or rad/s per unit of the size, (n, 3)."""
         out = np.zeros((len(values), 3))
         out[:, slice(None) if values.ndim == 2 else index(axis)] = values
         return SIZES[self.unit][0] * out
 
 
-class _RateFamily(Family):
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        return self.put_on_axes(self.law(Samples(axis, parameters, stream)), axis)[:, :, None]
-
-
-class _RandomRateFamily(Family):
-    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
-        seen = Samples(setting.axis, setting.parameters, stream, rng)
-        return setting.size * self.put_on_axes(self.law(seen), setting.axis)
-
-
-class _TimingFamily(Family):
-    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        return self.law(Samples(setting.axis, setting.parameters, stream), raw, setting.size)
-
-
-class _SampleFamily(Family):
-    def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        return self.law(Samples(setting.axis, setting.parameters, stream, rng), samples, SIZES[self.unit][0] * setting.size)
-
-
-class _ReferenceFamily(Family):
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        return self.put_on_axes(self.law(Sightings(axis, parameters, references)), axis)[:, :, None]
-
-
-class _RandomReferenceFamily(Family):
-    def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
-        seen = Sightings(setting.axis, setting.parameters, references, rng)
-        return setting.size * self.put_on_axes(self.law(seen), setting.axis)
-
-
-SAMPLE_STAGES = ("threshold", "pickup", "resolution", "telemetry")
-KINDS: dict[str, type[Family]] = {
-    **dict.fromkeys(("clock", "filter"), _TimingFamily),
-    **dict.fromkeys(SAMPLE_STAGES, _SampleFamily),
-    "rate": _RateFamily,
-    "random_rate": _RandomRateFamily,
-    "reference": _ReferenceFamily,
-    "random_reference": _RandomReferenceFamily,
-}
 FAMILIES: dict[str, Family] = {}
 
 
@@ -204,12 +190,19 @@ def declare(stage: str, unit: str, *needs: str, all_axes: bool = False, side: st
     """Declare a law as a family: its name is the function's, its summary the first sentence of the docstring."""
 
     def add(law: Law) -> Law:
-        text, positive = " ".join((law.__doc__ or "").split()).partition(". ")[0], stage in SAMPLE_STAGES
-        more: dict[str, Any] = {"axes": ()} if all_axes else {}
-        FAMILIES[law.__name__] = KINDS[stage](
-            law.__name__, text, unit, stage, SIZES[unit][1], parameters=LAW_PARAMETERS,
-            sign="positive" if positive else "any", law=law, needs=needs, side=side, **more,
-        )  # fmt: skip
+        FAMILIES[law.__name__] = Family(
+            name=law.__name__,
+            summary=" ".join((law.__doc__ or "").split()).partition(". ")[0],
+            unit=unit,
+            stage=stage,
+            prior=SIZES[unit][1],
+            axes=() if all_axes else AXIS_NAMES,
+            parameters=LAW_PARAMETERS,
+            sign="positive" if CALLS[stage] == "apply" else "any",
+            law=law,
+            needs=needs,
+            side=side,
+        )
         return law
 
     return add
@@ -356,10 +349,7 @@ def packets_swapped(seen: Samples, values: Array, size: float) -> Array:
     length, out = int(seen.scaled(2, 16)), values.copy()
     starts = np.concatenate([np.arange(p.start + length, p.stop - length, 2 * length) for p in seen.stream.intervals])
     for start in starts[seen.rng.random(len(starts)) < size]:
-        out[start - length : start], out[start : start + length] = (
-            values[start : start + length],
-            values[start - length : start],
-        )
+        out[start - length : start + length] = np.roll(values[start - length : start + length], length, axis=0)
     return out
 
 

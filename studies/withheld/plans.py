@@ -5,6 +5,7 @@ The simulator's sixth-order method integrates an analytic body rate from sample 
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -114,11 +115,6 @@ def draw_slews(lot: Lot, most: int = 3) -> Stretch:
     return Stretch(lambda tau: rest + add_turns(turns, tau), turns)
 
 
-def draw_agile(lot: Lot) -> Stretch:
-    """Many turns."""
-    return draw_slews(lot, 6)
-
-
 def draw_earth_pointing(lot: Lot) -> Stretch:
     """Pointing to the Earth in one of four modes between turns, with the sway of the attitude control."""
     period = np.array([log_uniform(lot.rng, 100.0, 500.0) for _ in range(3)])
@@ -146,9 +142,8 @@ def draw_spinner(lot: Lot) -> Stretch:
     def rate(tau: Array) -> Array:
         s = spin * (1 + change * smoothstep((tau - kick) / (0.2 * lot.length_s)))
         nod = np.exp(1j * phases[0] - tau / (damping * lot.length_s))
-        nod = nod + smoothstep((tau - kick) / press) * np.exp(
-            1j * phases[1] - np.maximum(tau - kick, 0) / (damping * lot.length_s)
-        )
+        again = np.exp(1j * phases[1] - np.maximum(tau - kick, 0) / (damping * lot.length_s))
+        nod = nod + smoothstep((tau - kick) / press) * again
         nod *= 0.5 * spin * ratio * np.tan(cone) * np.exp(1j * (ratio - 1) * spin * tau)
         return np.asarray(s[:, None] * e + nod.real[:, None] * u + nod.imag[:, None] * v)
 
@@ -198,7 +193,7 @@ PLANS = {
     "earth_agile": PlanKind(draw_earth_pointing, (2, 5, 10), (4, 12), (600, 4000), (5, 120), (0.1, 1.5), True),
     "slews_and_rests": PlanKind(draw_slews, (1, 2, 5, 10), (4, 14), (300, 7200), (5, 300), (0.05, 1.5)),
     "slews_in_orbit": PlanKind(draw_slews, (1, 2, 5), (5, 14), (600, 5400), (10, 200), (0.05, 0.8), True),
-    "agile": PlanKind(draw_agile, (5, 10, 20), (6, 30), (60, 900), (1, 30), (0.5, 4)),
+    "agile": PlanKind(partial(draw_slews, most=6), (5, 10, 20), (6, 30), (60, 900), (1, 30), (0.5, 4)),
     "tumble": PlanKind(draw_tumble, (4, 10, 20, 50), (2, 8), (60, 1500), (0.5, 20), (0.1, 2.0)),
     "spinner": PlanKind(draw_spinner, (4, 10, 20), (3, 10), (120, 1800), (0.25, 20), (1, 20)),
     "rate_table": PlanKind(draw_rate_table, (20, 50, 100), (3, 18), (40, 400), (0.05, 2), (2, 40)),

@@ -111,20 +111,11 @@ def collect_size_errors(rows: pd.DataFrame) -> Array:
     return np.array([error for text in rows["size_sigmas"] for error in json.loads(text)], dtype=float)
 
 
-def compute_rms(errors: Array) -> float:
-    """Root mean square; NaN of nothing."""
-    return float(np.sqrt(np.mean(errors**2))) if errors.size else np.nan
-
-
 def score_statements(stated: pd.DataFrame) -> pd.DataFrame:
     """Score what is stated at 0.9 and more, at 0.5 and more, and in all."""
-    return pd.DataFrame(
-        [
-            _score_part(name, stated[stated["p"] >= least])
-            for name, least in ((f"at {SURE:g} and more", SURE), (f"at {LIKELY:g} and more", LIKELY), ("all", 0.0))
-        ]
-        + [_score_part("with a name", stated[stated["named"]])]
-    )
+    levels = {f"at {SURE:g} and more": SURE, f"at {LIKELY:g} and more": LIKELY, "all": 0.0}
+    parts = {name: stated[stated["p"] >= least] for name, least in levels.items()} | {"with a name": stated[stated["named"]]}
+    return pd.DataFrame([_score_part(name, part) for name, part in parts.items()])
 
 
 def _score_part(name: str, stated: pd.DataFrame) -> dict[str, Any]:
@@ -154,6 +145,7 @@ def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
 def compare_runs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """Compare two runs case by case, in all and by kind; an `InputError` if their cases are not the same."""
     keys = ["case", "kind", "effects"]
+    before, after = (run.assign(well=is_answered_well(run)) for run in (before, after))
     both = before.merge(after, on="case", suffixes=("_before", "_after"), validate="one_to_one")
     if both.empty or any((both[f"{key}_before"] != both[f"{key}_after"]).any() for key in keys[1:]):
         raise InputError("compare: the two runs are not of the same cases; run both with the same --entropy")
@@ -164,12 +156,9 @@ def compare_runs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
 def _compare_part(name: str, both: pd.DataFrame) -> dict[str, Any]:
     from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
 
-    good = {}
-    for when in ("before", "after"):
-        named = both[[f"kind_{when}", f"outcome_{when}"]].set_axis(["kind", "outcome"], axis=1)
-        good[when] = is_answered_well(named)
-    gained, lost = int((good["after"] & ~good["before"]).sum()), int((good["before"] & ~good["after"]).sum())
-    out = {"kind": name, "cases": len(both), "well_before": int(good["before"].sum()), "well_after": int(good["after"].sum())}
+    before, after = both["well_before"], both["well_after"]
+    gained, lost = int((after & ~before).sum()), int((before & ~after).sum())
+    out = {"kind": name, "cases": len(both), "well_before": int(before.sum()), "well_after": int(after.sum())}
     out |= {"gained": gained, "lost": lost, "p": binomtest(gained, gained + lost).pvalue if gained + lost else 1.0}
     out["seconds_ratio"] = both["diagnose_s_after"].sum() / max(both["diagnose_s_before"].sum(), 1e-9)
     out["mb_ratio"] = both["peak_mb_after"].median() / both["peak_mb_before"].median()
@@ -212,11 +201,12 @@ def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
         before = read_run(Path(config.compare))
         tables["moved"] = Table("Cases answered otherwise than before", list_moved_cases(before, rows))
         tables["compare"] = Table("Against the run before, case by case", compare_runs(before, rows))
-    scores = score_statements(stated).set_index("stated")["z"]
+    scores, errors = score_statements(stated).set_index("stated")["z"], collect_size_errors(rows)
+    rms = float(np.sqrt(np.mean(errors**2))) if errors.size else np.nan
     checks = (
         Check("cases whose diagnosis failed", float(failed), None),
         Check("z of all stated probabilities", float(scores["all"]), (-2.0, 2.0)),
-        Check("RMS of (size − true size)/sigma", compute_rms(collect_size_errors(rows)), None),
+        Check("RMS of (size − true size)/sigma", rms, None),
     )
     return Report(tables, {"found": draw_found(rows), "stated": draw_statements(stated)}, checks)
 

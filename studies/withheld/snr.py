@@ -147,16 +147,16 @@ class ResidualModel:
         own, spectrum = self.roughen(raw), self.transform(raw)
         cross = np.zeros(3) if noise is None else np.mean(self.roughen(noise) * own, axis=0)
         time = _measure_level(own**2 + 2 * cross, 1 + in_time, CELL)
-        return max(time, _measure_level(np.abs(spectrum) ** 2, 1 + in_frequency, CELL // 2, numbers=CELL))
+        return max(time, _measure_level(np.abs(spectrum) ** 2, 1 + in_frequency, CELL // 2))  # an amplitude is two numbers
 
 
-def _measure_level(change: Array, before: Array, rows: int, numbers: int = CELL) -> float:
+def _measure_level(change: Array, before: Array, rows: int) -> float:
     """√(2D) of a change of power beside that before, both (k, 3), in cells of so many rows."""
     cuts = np.arange(0, len(change) - rows + 1, rows)
     if not cuts.size:
         return 0.0
     ratio = np.maximum(1 + np.add.reduceat(change, cuts, axis=0) / np.add.reduceat(before, cuts, axis=0), 1e-12)
-    return float(np.sqrt(np.sum(numbers * (ratio - 1 - np.log(ratio)))))
+    return float(np.sqrt(np.sum(CELL * (ratio - 1 - np.log(ratio)))))
 
 
 def measure_attitude(responses: Sequence[Array], noises: Sequence[Array]) -> float:

@@ -28,7 +28,7 @@ def stored(tmp_path_factory):
         patch.chdir(folder)
         patch.setattr(sys, "path", list(sys.path))
         world.make_log(folder)
-        (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
+        (folder / "mystudy.py").write_text(blocks("docs/studies.md", "python")[1])
         (folder / "baseline.toml").write_text(blocks("docs/ci.md", "toml")[0])
         for _, line in list_steps("docs/ci.md"):
             assert run(line) == 0, line

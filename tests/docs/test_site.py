@@ -18,9 +18,9 @@ from tests import ROOT
 from tests.docs.blocks import PAGES
 
 EXAMPLES = ROOT / "docs" / "examples"
-GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-DRAWN = re.findall(r"\(examples/(\w+)\.svg\)", GALLERY)
-WRITTEN = ("docs/index", "docs/theory", "docs/gallery", "docs/api")  # all pages are read and their links resolved
+PICTURES = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+DRAWN = re.findall(r"\(examples/(\w+)\.svg\)", PICTURES)
+WRITTEN = ("docs/index", "docs/theory", "docs/api")  # all pages are read and their links resolved
 
 
 @pytest.mark.filterwarnings("default")  # those of Sphinx and its extensions are not ours

@@ -64,7 +64,7 @@ def make(folder):
     for name in ("scenario.toml", "mine.toml"):
         (folder / name).write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
-    (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
+    (folder / "mystudy.py").write_text(blocks("docs/studies.md", "python")[1])
     (folder / "baseline.toml").write_text(blocks("docs/ci.md", "toml")[0])
     (folder / "mine.py").write_text(blocks("docs/extending.md", "python")[0])
     names = [str(folder / name) for name in ("gyro.csv", "mocap.csv", "RECORDING")]

@@ -195,7 +195,7 @@ def test_other_packages_read_the_rows_as_the_docs_say(tmp_path, capsys):
     arw, b = 10 ** rng.uniform(-4, -3, 500), 1e-4 * rng.standard_normal(500)
     rows = {"case": range(500), "error": "", "disp:arw": arw, "disp:b": b, "largest_error_ppm": 1e5 * arw * (1 + 1e4 * b) ** 2}
     pd.DataFrame(rows).to_parquet(tmp_path / "table.parquet")
-    exec(blocks("docs/requirements.md", "python")[0].replace("/tmp/noise", str(tmp_path)), {})
+    exec(blocks("docs/studies.md", "python")[0].replace("/tmp/noise", str(tmp_path)), {})
     indices, probability = capsys.readouterr().out.splitlines()
     assert indices.startswith("[0.")
     assert 0.02 < float(probability) < 0.04

@@ -28,7 +28,7 @@ def test_a_requirement_is_read_and_written_and_what_is_none_is_refused():
 def test_run_counts_are_the_published_ones():
     # J. M. Hanson and B. B. Beard, NASA/TP-2010-216447: 852 runs for 0.9973 at 10 %; S. S. Wilks: 59 for 95/95, 230 for 99/90.
     assert count_runs(0, 1 - 0.9973, 0.1) == 852
-    assert [count_runs(beyond, 1 - 0.9973, 0.1) for beyond in range(5)] == [852, 1440, 1970, 2473, 2959]  # docs/requirements.md
+    assert [count_runs(beyond, 1 - 0.9973, 0.1) for beyond in range(5)] == [852, 1440, 1970, 2473, 2959]  # docs/studies.md
     assert (count_runs(0, 0.05, 0.05), count_runs(0, 0.01, 0.1)) == (59, 230)
 
 

@@ -1,16 +1,39 @@
-"""Processor time of fresh processes: the first calibration, the next ones, help, and the import of the library."""
+"""What is measured in fresh processes: their output, their processor time, and their memory."""
 
+import json
 import os
 import resource
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import gyrocal
 from gyrocal.recording import Recording
 
 COMMAND = "import sys; from studies.cli.main import main; sys.exit(main())"
+FOLDER = Path(__file__).parents[1]
+
+
+def run_module(module: str, *arguments: float, **settings: str) -> dict[str, Any]:
+    """Return what a module prints in a fresh process, with settings of its environment."""
+    command = [sys.executable, "-m", module, *map(str, arguments)]
+    done = subprocess.run(command, cwd=FOLDER, env=os.environ | settings, capture_output=True, text=True, check=True)
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+def read_peak_rss_mb() -> float:
+    """Largest resident memory of this process, MB.
+
+    Where the kernel tells, that of this program alone: ru_maxrss starts from the parent's, which exec does not reset.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    peaks = [float(line.split()[1]) for line in lines if line.startswith("VmHWM")]
+    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return 1.024e-3 * peaks[0] if peaks else largest / 1e6 if sys.platform == "darwin" else 1.024e-3 * largest
 
 
 def measure_starts(recording: Recording, rounds: int) -> dict[str, float]:
@@ -30,7 +53,6 @@ def measure_processor_time(call: tuple[str, ...], settings: dict[str, str]) -> f
     """Measure the processor time of Python code with arguments in a fresh process, s; Python keeps its own bytecode."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | settings
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [sys.executable, "-c", *call]
-    subprocess.run(command, cwd=Path(__file__).parents[1], env=environment, capture_output=True, check=True)
+    subprocess.run([sys.executable, "-c", *call], cwd=FOLDER, env=environment, capture_output=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
