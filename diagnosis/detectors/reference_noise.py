@@ -18,13 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices, Mask
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
@@ -107,14 +103,9 @@ def estimate_reference_noise(
     settings: DiagnosisSettings = DEFAULT,
     motion: Array | None = None,
 ) -> ReferenceNoise | None:
-    """Test of the references' noise; None without a series of references.
+    """Test the references' noise beside noise of the gyros of densities (3,), rad²/s; None without a series of references.
 
-    Parameters
-    ----------
-    series : references and residuals under the calibration
-    density : (3,) noise density of the gyros, rad²/s
-    settings : thresholds
-    motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
+    The part of attitude errors (m, 3, k) about inertial axes that follow the motion is taken out.
     """
     found, wider = (_find_differences(series, density, motion, apart) for apart in (1, 2))
     if len(found.values) < FEWEST or not np.all(found.stated > 0):

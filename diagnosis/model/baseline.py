@@ -1,21 +1,27 @@
-"""The calibration under M0 that a diagnosis starts from: Gauss–Newton on the linear model."""
+"""The calibration under M0 that a diagnosis starts from: Gauss–Newton on the linear model.
+
+No linear model describes recordings whose rates and references do not fit each other at all. A diagnosis has the calibrator's
+own gate (`gyrocal.calibration.gate`) and asks it of the repaired stream: spikes have been
+taken out and the mask leaves out clipped samples, so that real faults of the gyro stay below it. A single
+reference that is far off between two that agree is a fault of the references and is left to the diagnosis.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.sample_report import SampleReport, Tell, ignore_progress
-from diagnosis.model.gate import check_residuals, has_large_residuals
+from diagnosis.arrays import Array, Indices, Mask
+from diagnosis.detectors.sample_report import SampleReport
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.recording import Interval, Recording, find_reference_rows
-
-Array = NDArray[np.float64]
 
 ITERATIONS = 10  # of Gauss and Newton at most; two or three are usual
 SETTLED = 1e-3  # sigmas of the last correction
@@ -29,12 +35,13 @@ UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is no
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
 
+OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
+
+
 def calibrate_baseline(
     recording: Recording,
     report: SampleReport,
-    pieces: tuple[Interval, ...],
     reference_sigma: Array,
-    tell: Tell = ignore_progress,
 ) -> tuple[RecordingModel, Array]:
     """The model about its own calibration, and the (12,) sigma of that.
 
@@ -42,12 +49,10 @@ def calibrate_baseline(
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False
-    for number in range(ITERATIONS):
-        tell(f"first calibration, step {number + 1}", number / ITERATIONS)
-        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
-        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / ITERATIONS)
+    for _ in range(ITERATIONS):
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, sigma=reference_sigma)
         if has_large_residuals(model):
-            better = None if short else _calibrate_short_pieces(recording, report, pieces, reference_sigma)
+            better = None if short else _calibrate_short_pieces(recording, report, reference_sigma)
             if better is not None:
                 (G, bias), short = better, True
                 continue
@@ -60,16 +65,14 @@ def calibrate_baseline(
     return model, sigma
 
 
-def _calibrate_short_pieces(
-    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
-) -> tuple[Array, Array] | None:
+def _calibrate_short_pieces(recording: Recording, report: SampleReport, reference_sigma: Array) -> tuple[Array, Array] | None:
     """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
 
     None where they are not plausible, as with rates in another unit, or where even those are too far off.
     """
     gaps = [
         Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
-        for piece in pieces
+        for piece in recording.intervals
         for number, (low, high) in enumerate(
             pairwise(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, piece)])
         )
@@ -121,3 +124,66 @@ def describe_unobserved(model: RecordingModel) -> tuple[str, ...]:
         if names
         else ()
     )
+
+
+def check_residuals(model: RecordingModel, rates: Array) -> None:
+    """Refuse a recording whose residuals are too large to be linearised, with repaired raw rates (samples, 3), rad/s.
+
+    A `LargeResidualError` has the interval, the time and the reading that would fit.
+    """
+    error, kept = _find_large_residuals(model)
+    if error is None:
+        return
+    recording, gyro = model.recording, model.recording.gyro
+    number = np.flatnonzero(kept)[error.output]
+    name = recording.intervals[model.blocks[model.interval_of_reference[number]].interval].name
+    t_s = recording.attitudes.t_s[model.reference_rows[number]]
+    repaired = replace(recording, gyro=replace(gyro, rates=rates))
+    raise build_refusal(error, repaired, name, t_s, gyro.apriori_G, gyro.apriori_bias)
+
+
+def has_large_residuals(model: RecordingModel) -> bool:
+    """Whether `check_residuals` would refuse the recording, without the search for its reason, which takes seconds."""
+    return _find_large_residuals(model)[0] is not None
+
+
+def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
+    """The error of residuals that are too large, None if none is, and which references it counts."""
+    residuals = np.where(np.isfinite(model.off), model.off, np.inf)
+    kept = np.ones(len(residuals), dtype=bool)
+    if (np.linalg.norm(residuals, axis=1) <= LARGEST_RESIDUAL).all():
+        return None, kept
+    if np.isfinite(residuals).all():
+        residuals, kept = _drop_outliers(residuals, model.interval_of_reference)
+    try:
+        check(residuals)
+    except LargeResidualError as error:
+        return error, kept
+    return None, kept
+
+
+def _drop_outliers(residuals: Array, block: Indices) -> tuple[Array, Mask]:
+    """Residuals (k, 3) of the references that are no single outliers, from the first of those of their block, and which."""
+    kept = np.ones(len(residuals), dtype=bool)
+    based = residuals.copy()
+    for number in np.unique(block):
+        rows = np.flatnonzero(block == number)
+        turned = Rotation.from_rotvec(residuals[rows])
+        good = ~_find_isolated(turned)
+        kept[rows] = good
+        based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
+    if np.sum(~kept) > max(1, OUTLIERS * kept.size):
+        return residuals, np.ones(len(residuals), dtype=bool)
+    return based[kept], kept
+
+
+def _find_isolated(turned: Rotation) -> Mask:
+    """Which of the residuals of a block are far from both their neighbours, which agree; at an end, from the two nearest."""
+    count = len(turned)
+    if count < 4:
+        return np.zeros(count, dtype=bool)
+    before, after = np.arange(count) - 1, np.arange(count) + 1
+    before[0], after[-1] = 2, count - 3
+    own, left, right = turned, turned[before], turned[after]
+    far = [(own.inv() * other).magnitude() > LARGEST_RESIDUAL for other in (left, right)]
+    return np.asarray(far[0] & far[1] & ((left.inv() * right).magnitude() <= LARGEST_RESIDUAL))

@@ -12,16 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import LEAST_POSITIVE, Array
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.folds import assign_folds
 from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
-Array = NDArray[np.float64]
-
-LEAST_POSITIVE = 1e-300
 RIDGE = 1e-13  # of the information of columns of unit length, against rounding
 
 

@@ -23,36 +23,26 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.arrays import Array
 from diagnosis.detectors.noise_removal import remove_noise
-from diagnosis.detectors.sample_report import SampleReport, Tell, ignore_progress, scale_progress
+from diagnosis.detectors.sample_report import SampleReport
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
-from gyrocal.recording import Interval
-
-Array = NDArray[np.float64]
 
 
 def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
-    """Estimate the gyro's noise from the residuals.
+    """Estimate the gyro's noise from the residuals, of a density (samples, 3), rad²/s, that may differ from the stated one.
 
-    Parameters
-    ----------
-    model : a recording linearised about its calibration
-    density : (samples, 3) noise density of the raw rates where it is not the stated one, rad²/s
-
-    Returns
-    -------
-    noise : (samples, 3) expected error of the raw rates, rad/s; zero where nothing is propagated
-    turned : (m, 3) rotation vectors from the propagated attitudes to the expected ones at the references, inertial axes, rad
+    Returns the expected error (samples, 3) of the raw rates, rad/s, zero where nothing is propagated, and rotation vectors
+    (m, 3) from the propagated attitudes to the expected ones at the references, inertial axes, rad.
     """
     gyro, inverse = model.recording.gyro, np.linalg.inv(model.G)
     noise, turned = np.zeros(gyro.rates.shape), np.zeros((model.reference_rows.size, 3))
     excess = float(model.y @ model.y) / max(model.degrees_of_freedom, 1)
-    weighed, start = model.weighed_residuals / np.sqrt(max(excess, 1.0)), 0
-    for block in model.blocks:
+    weighed = model.weighed_residuals / np.sqrt(max(excess, 1.0))
+    for block, references in zip(model.blocks, model.reference_slices, strict=True):
         t_s, to_inertial = model.t_s[block.steps], model.to_inertial[block.steps]
         edges = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])
         done = block.ends[block.groups + block.counts // 2]
@@ -71,18 +61,13 @@ def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[A
         mean = np.column_stack([np.bincount(step, noise[own, k], t_s.size) for k in range(3)]) / np.maximum(count, 1)[:, None]
         moved = -np.einsum("nij,nj->ni", to_inertial, mean @ model.G.T) * model.dt[block.steps, None]
         total = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)])
-        turned[start : start + block.ends.size] = total[block.ends]
-        start += block.ends.size
+        turned[references] = total[block.ends]
     return noise, turned
 
 
-def add_expected_motion(
-    model: RecordingModel, report: SampleReport, pieces: tuple[Interval, ...], sigma: Array, tell: Tell = ignore_progress
-) -> RecordingModel:
+def add_expected_motion(model: RecordingModel, report: SampleReport, sigma: Array) -> RecordingModel:
     """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
-    tell("noise that gyro and references show", 0.0)
     noise, turned = estimate_gyro_noise(model, report.density)
-    shown = remove_noise(report.rates - noise, model.recording, scale_progress(tell, 0.1, 0.9))
-    tell("model with the motion of both", 0.9)
-    again = linearise_recording(model.recording, model.G, model.bias, report.rates, shown, report.density, pieces, sigma)
+    shown = remove_noise(report.rates - noise, model.recording)
+    again = linearise_recording(model.recording, model.G, model.bias, report.rates, shown, report.density, sigma=sigma)
     return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)

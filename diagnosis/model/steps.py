@@ -18,14 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate, Wanted
 from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect, Value
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`
 
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
@@ -170,12 +168,7 @@ def add_step_times(
 ) -> LinearModel:
     """The linear model with further times for the steps that explain most beside some members.
 
-    Parameters
-    ----------
-    model : what the columns are made from
-    linear : of it
-    effects : those that may be named
-    wanted : sets of members, and the log of the likelihood ratio that a step must have beside each
+    Each wanted set of members has the log of the likelihood ratio that a step must have beside it.
     """
     left = [ResidualProducts(linear, members) for members, _ in wanted]
     taken = [{member.candidate for member in members} for members, _ in wanted]

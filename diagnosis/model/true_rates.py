@@ -15,30 +15,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import LEAST_POSITIVE, Array
 from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
 from simulator.effects.base import Effect
-
-Array = NDArray[np.float64]
 
 ROUNDS = 6  # at most
 SETTLED = 0.03  # sigmas of all observations together, by which what the effect does still changes
 NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
-LEAST_POSITIVE = 1e-300
-
 
 def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """The linear model with the columns of a member's option at the true rates, where those differ enough.
 
-    Parameters
-    ----------
-    model : what the columns are made from
-    linear : of it
-    member : of an effect with columns that are not switched on
-    effect : its effect
+    Only effects with columns that are not switched on are changed.
     """
     entry, option = linear.candidate(member), linear.option(member)
     if entry.process or effect.on_references or effect.switched or not effect.has_columns or effect.stage != "rate":

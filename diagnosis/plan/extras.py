@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.arrays import AXES
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import step_times
 from diagnosis.plan.columns import Signature, build_signatures, find_median_index, linearise_noise_free
@@ -20,8 +21,6 @@ from diagnosis.plan.separability import list_pairs
 from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
-
-AXES = "xyz"
 
 DAY = 86400.0
 

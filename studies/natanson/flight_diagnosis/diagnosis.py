@@ -30,8 +30,7 @@ from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import LinearModel, Parameters, SelectedCandidate
+from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, SelectedCandidate
 from diagnosis.settings import DEFAULT
 from simulator.arrays import Array
 from studies.natanson.flight_diagnosis.table import (

@@ -7,10 +7,9 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model.bins import build_bins, normalise_columns, observe_rate_errors
-from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.linearise import find_relinearised_path, linearise_recording
 from diagnosis.model.motion import estimate_gyro_noise
 from diagnosis.model.prepare import prepare
-from diagnosis.model.relinearised_path import find_relinearised_path
 from tests.diagnosis.recordings import of_rates
 
 SEEDS = range(4)

@@ -74,7 +74,7 @@ def detected(scenario, power):
                 scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
             )
             seen.append(see(recording).y)
-        return int(np.sum(power.statistic(np.column_stack(seen)) > power.threshold))
+        return int(np.sum(power.search.compute_null_statistic(power.linear.X.T @ np.column_stack(seen)) > power.threshold))
 
     return count
 
