@@ -160,9 +160,6 @@ def relinearise_tables(
     return build_sensor_model(build_tables(again, effects, held), effects, settings)
 
 
-# ---- the answer ----------------------------------------------------------------------------------------------------------
-
-
 def decide_sensor_verdict(
     explained: ExplainedTables, settings: DiagnosisSettings = DEFAULT
 ) -> tuple[Verdict, Attribution | None]:

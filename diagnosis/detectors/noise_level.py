@@ -155,20 +155,15 @@ def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLe
         return None
     variance = expected * fit.white
     sigma = expected * (fit.sigma if fit.still else float(np.hypot(fit.sigma, fit.motion)))
-    p = compute_p_of_level(variance, sigma, expected, noise_degrees)
+    dof = 2 * (variance / sigma) ** 2  # of χ², as many as the sigma says
+    chi2 = dof * variance / expected
+    smaller = compute_smaller_chi2_p(chi2, dof, noise_degrees)
+    p = float(min(1.0, 2 * min(compute_chi2_p(chi2, dof, noise_degrees), smaller)))
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
     free = SHOWING * count
     rising = float(scipy.special.chdtrc(free, free + fit.rise * np.sqrt(2 * free)))
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
-
-
-def compute_p_of_level(variance: float, sigma: float, expected: float, noise_degrees: float = np.inf) -> float:
-    """Compute the p-value of a variance that is as stated: χ² with as many degrees of freedom as its sigma says."""
-    free = 2 * (variance / sigma) ** 2
-    chi2 = free * variance / expected
-    smaller = compute_smaller_chi2_p(chi2, free, noise_degrees)
-    return float(min(1.0, 2 * min(compute_chi2_p(chi2, free, noise_degrees), smaller)))
 
 
 def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:

@@ -86,13 +86,17 @@ class NumberFormats:
     log_odds: Array  # (3,) that readings were cut and not rounded, zero where the samples leave it open
     coarse: Mask  # (3,) whether the lattice matters beside the noise
     cut: Mask  # (3,) whether readings are taken as cut toward zero
-    may_be_rounded: Mask  # may_be_rounded, may_be_cut: (3,) whether that is possible
-    may_be_cut: Mask
+    may_be_cut: Mask  # (3,) whether that is possible
 
     def describe(self) -> Findings:
         """Describe the lattice of each gyro; gyros on one lattice are one departure."""
         names = np.where(self.cut, "lattice_cut", "lattice_rounded")
-        tests = tuple(self._describe_test(axis, str(names[axis])) for axis in range(3))
+        tests = []
+        for axis, step in enumerate(np.rad2deg(self.steps).tolist()):
+            p, text = 1.0, "readings lie on no lattice that matters beside the noise"
+            if self.coarse[axis]:
+                p, text = IMPOSSIBLE, f"all readings are multiples of {step:.4g} deg/s"
+            tests.append(SampleTest("lattice_step", AXES[axis], step, 0.0, p, str(names[axis]), text))
         symptoms: list[Symptom] = []
         for kind in ("lattice_rounded", "lattice_cut"):
             axes = np.flatnonzero(self.coarse & (names == kind))
@@ -100,14 +104,7 @@ class NumberFormats:
             common = axes.size == 3 and np.ptp(steps) < SAME * steps.mean()
             each = [(None, axes[0], steps.mean())] if common else [(AXES[k], k, self.steps[k]) for k in axes]
             symptoms += [self._describe_lattice(kind, name, int(axis), float(step)) for name, axis, step in each]
-        return Findings(tests, tuple(symptoms))
-
-    def _describe_test(self, axis: int, kind: str) -> SampleTest:
-        step = float(np.rad2deg(self.steps[axis]))
-        text = "readings lie on no lattice that matters beside the noise"
-        if self.coarse[axis]:
-            text = f"all readings are multiples of {step:.4g} deg/s"
-        return SampleTest("lattice_step", AXES[axis], step, 0.0, IMPOSSIBLE if self.coarse[axis] else 1.0, kind, text)
+        return Findings(tuple(tests), tuple(symptoms))
 
     def _describe_lattice(self, kind: str, name: str | None, axis: int, step: float) -> Symptom:
         size = float(np.rad2deg(step))
@@ -134,8 +131,7 @@ def find_number_formats(rates: Array, used: Mask, usable: Mask, parts: Sequence[
     # Readings that keep their sign and are cut toward zero are rounded ones but for a constant.
     both_signs = bool((coarse & (rates[used].min(axis=0) < 0) & (rates[used].max(axis=0) > 0)).any())
     cut = coarse & both_signs & (odds > 0)
-    may_be_rounded, may_be_cut = (coarse & (expit(sign * odds) > POSSIBLE) for sign in (-1, 1))
-    return NumberFormats(steps, odds, coarse, cut, may_be_rounded, may_be_cut)
+    return NumberFormats(steps, odds, coarse, cut, coarse & (expit(odds) > POSSIBLE))
 
 
 def compute_log_odds(rates: Array, parts: Sequence[slice], usable: Mask, steps: Array, sigma: float) -> Array:

@@ -48,7 +48,6 @@ class ReferenceSeries:
     sigma: Array  # (m, 3) stated, about the body axes, rad
     to_inertial: Array  # (m, 3, 3) Aᵀ of the propagated attitude
     residuals: Array  # (m, 3) reference minus propagated attitude, inertial, rad
-    rates: Array  # (m, 3) of the body, rad/s
     # (m, 3, 3) body components of independent errors of these sigmas; None of errors that are independent themselves
     error_axes: Array | None = None
 
@@ -98,10 +97,7 @@ class Differences:
 
 
 def estimate_reference_noise(
-    series: ReferenceSeries,
-    density: Array,
-    settings: DiagnosisSettings = DEFAULT,
-    motion: Array | None = None,
+    series: ReferenceSeries, density: Array, settings: DiagnosisSettings = DEFAULT, motion: Array | None = None
 ) -> ReferenceNoise | None:
     """Test the references' noise beside noise of the gyros of densities (3,), rad²/s; None without a series of references.
 

@@ -187,9 +187,6 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
     return size, float(size**2 * error)
 
 
-# ---- what they show ------------------------------------------------------------------------------------------------------
-
-
 def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
     """Find samples that repeat the one before on all axes, and bridge those that surely are faults."""
     rates, gyro = stream.rates, stream.recording.gyro

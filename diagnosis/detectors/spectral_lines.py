@@ -211,10 +211,10 @@ def fit_line(x: Array, recording: Recording, axis: int, centre_hz: float, width_
     level = _compute_level([piece.t_s[rows] for piece, rows in zip(pieces, calm, strict=True)], fit)
     chance = scipy.special.chdtrc(2 * len(pieces), fit.chi2 / level)
     p = float(np.clip(FREQUENCIES_PER_SAMPLE * samples * chance, IMPOSSIBLE, 1.0))
-    return Line(axis, fit.frequency_hz, size, sigma, p, _make_waveform(fit, recording, arcs))
-
-
-# ---- the motion of the body -----------------------------------------------------------------------------------------------
+    waveform = np.zeros(t_s.size)
+    for (low, high), amplitudes in zip(arcs, fit.amplitudes, strict=True):
+        waveform[low:high] = make_waves(fit.frequency_hz, t_s[low:high]) @ amplitudes
+    return Line(axis, fit.frequency_hz, size, sigma, p, waveform)
 
 
 def remove_motion(x: Array, cycles: float) -> Array:
@@ -255,9 +255,6 @@ def _is_calm(residual: Array) -> Mask:
     return np.asarray(np.abs(residual) <= SUDDEN * spread)
 
 
-# ---- p-value -------------------------------------------------------------------------------------------------------------
-
-
 def _compute_level(times_s: Sequence[Array], fit: SinusoidFit) -> float:
     """Noise around the sinusoid over that of all frequencies, at least one: a hump of the noise is no line.
 
@@ -271,11 +268,3 @@ def _compute_level(times_s: Sequence[Array], fit: SinusoidFit) -> float:
         powers.append(compute_power(t_s, residual[:, None], beside)[:, 0] / max(float(np.mean(residual**2)), 1e-300))
     found = np.concatenate(powers)
     return max(1.0, (float(np.median(found)) - 1 / np.sqrt(found.size)) / float(np.log(2))) if found.size else 1.0
-
-
-def _make_waveform(fit: SinusoidFit, recording: Recording, arcs: Arcs) -> Array:
-    """Make the sinusoid (n,) in each arc."""
-    waveform = np.zeros(recording.gyro.t_s.size)
-    for (low, high), amplitudes in zip(arcs, fit.amplitudes, strict=True):
-        waveform[low:high] = make_waves(fit.frequency_hz, recording.gyro.t_s[low:high]) @ amplitudes
-    return waveform

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
@@ -37,10 +38,11 @@ from diagnosis.arrays import AXES, Array, Indices
 from diagnosis.model.bins import (
     Bins,
     build_bins,
-    build_rate_families,
-    build_reference_families,
+    build_families,
     find_reference_bins,
     find_reference_steps,
+    observe_rate_errors,
+    observe_reference_errors,
 )
 from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.periods import Found, Period, make_period_columns
@@ -74,12 +76,11 @@ def list_deterministic_rivals(model: RecordingModel) -> Iterator[CandidateColumn
         _run_in_time(model, bins),
     )
     for name, options in chain.from_iterable(one.items() for one in sides):
-        yield from build_rate_families(model, bins, name, options)
+        yield from build_families(name, options, partial(observe_rate_errors, model, bins))
     for name, options in {**_follow_surroundings(model, bins), **_follow_reference_courses(model)}.items():
-        yield from build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
-
-
-# ---- rates ---------------------------------------------------------------------------------------------------------------
+        yield from build_families(
+            name, [one for one in options if np.ptp(one, axis=0).any()], partial(observe_reference_errors, model)
+        )
 
 
 def _follow_rates(bins: Bins) -> Options:
@@ -95,9 +96,6 @@ def _follow_rates(bins: Bins) -> Options:
         "scale factor or misalignment drifts": _split_columns(mission * w),
         "scale factor or misalignment settles after a start": _split_columns(warm * w),
     }
-
-
-# ---- time ----------------------------------------------------------------------------------------------------------------
 
 
 def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
@@ -139,9 +137,6 @@ def _split_columns(values: Array) -> list[Array]:
     return [values[:, [k]] for k in range(values.shape[1])]
 
 
-# ---- directions ----------------------------------------------------------------------------------------------------------
-
-
 def _follow_directions(model: RecordingModel, bins: Bins) -> Options:
     A, orbit = (bins.turned / bins.dt[:, None, None]).transpose(0, 2, 1), model.stream.orbit_period_s
     turning = (
@@ -166,9 +161,6 @@ def turn_with_orbit(components: Array, t_s: Array, orbit: float, order: int) -> 
     return np.hstack(waves if order == 1 else [components, *waves])
 
 
-# ---- temperatures --------------------------------------------------------------------------------------------------------
-
-
 def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
     rates, errors = [], []
     for values in model.stream.housekeeping.values():
@@ -183,9 +175,6 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
         "bias follows the square of a housekeeping value, or its delayed value": kept,
         "scale factor or misalignment follows a housekeeping value": rates if kept else [],
     }
-
-
-# ---- the past ------------------------------------------------------------------------------------------------------------
 
 
 def _follow_past(bins: Bins) -> Options:
@@ -215,9 +204,6 @@ def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
         decay = np.full(own.size, 1 - share)
         out[own] = np.column_stack([recursion(decay, share * one) for one in values[own].T])
     return out
-
-
-# ---- references ----------------------------------------------------------------------------------------------------------
 
 
 def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:

@@ -91,23 +91,15 @@ def normalise_columns(values: Array) -> Array:
     return values / np.where(size > 0, size, 1.0)
 
 
-def build_rate_families(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[CandidateColumns]:
-    """Build one family for each axis from rate errors (bins, k) that do not depend on the axis; none without options."""
-    return _build_families(name, options, lambda axis, values: observe_rate_errors(model, bins, axis, values))
+def observe_reference_errors(model: RecordingModel, axis: int, values: Array) -> Array:
+    """(N, k) whitened columns of errors of the references about one axis, (m, k)."""
+    error = np.zeros((len(values), 3, values.shape[1]))
+    error[:, axis] = values
+    return model.whiten(model.observe_reference_error(error))
 
 
-def build_reference_families(model: RecordingModel, name: str, options: list[Array]) -> Iterator[CandidateColumns]:
-    """Build one family for each axis from errors of the references (m, k) alike for all axes; none without options."""
-
-    def observe(axis: int, values: Array) -> Array:
-        error = np.zeros((len(values), 3, values.shape[1]))
-        error[:, axis] = values
-        return model.whiten(model.observe_reference_error(error))
-
-    return _build_families(name, options, observe)
-
-
-def _build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[CandidateColumns]:
+def build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[CandidateColumns]:
+    """Build one family for each axis from errors (n, k) alike for all axes; none without options."""
     if not options:
         return
     widths = np.cumsum([0] + [option.shape[1] for option in options])

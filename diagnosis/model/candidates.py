@@ -4,6 +4,15 @@ An effect says itself which columns or which covariance it has, which options ar
 (`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
 `diagnosis.model.alternatives` and `diagnosis.model.processes`. All get their places, their scales and their priors, and the
 recording's nuisance parameters are taken out of them.
+
+The columns of an effect that is not linear in the rate are made at the rates that M0 shows. Those hold the effect itself: of
+raw = ω + s c(ω) they are about ω + s c(ω) − δ, with δ what G and b take of it, and c at them is off by s c'(ω) times that. A
+scale factor that grows by some percent up to the fastest turn is then told as smaller by about as much of itself. Beside it, G
+and b differ from those of M0 by δG and δb. With these and s by least squares, the true rate is
+
+    ω = ω_M0 + δG ω_raw + δb − s (G + δG) c(ω),
+
+whose last term is the effect's column. At the new ω all is estimated anew, until the columns stay.
 """
 
 from __future__ import annotations
@@ -15,7 +24,7 @@ from itertools import chain
 import numpy as np
 import scipy.linalg
 
-from diagnosis.arrays import AXES, Array
+from diagnosis.arrays import AXES, LEAST_POSITIVE, Array
 from diagnosis.model import alternatives, processes
 from diagnosis.model.folds import RECORDING_SPLIT, build_folds
 from diagnosis.model.linear import (
@@ -31,16 +40,19 @@ from diagnosis.model.linear import (
     Wanted,
     build_rival,
     build_scales,
-    choose_scales,
+    find_scale_range,
 )
 from diagnosis.model.periods import Found, add_finer_periods, make_columns, make_effect_columns, scan_periods
 from diagnosis.model.processes import add_finer_process
-from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
 from diagnosis.model.steps import StepTimes, add_finer_times, add_step_times, build_switched_columns, step_times
 from diagnosis.model.time_offset import fit_delays
-from diagnosis.model.true_rates import use_true_rates
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect, Surroundings
+
+ROUNDS = 6  # at most
+UNCHANGED = 0.03  # sigmas of all observations together, by which what the effect does still changes
+NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
 
 def build_linear_model(
@@ -108,11 +120,11 @@ def list_candidates(
         stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = choose_scales(largest, group.limits, visible) if group.scales is None else group.scales
+        scales = build_scales(*find_scale_range(largest, group.limits, visible)) if group.scales is None else group.scales
         # What a size of a random process shows differs between its options, each of which has scales of its own.
-        windows = (
-            [_find_scale_range(norm, group.limits, visible) for norm in norms] if group.process and group.scales is None else []
-        )
+        windows = []
+        if group.process and group.scales is None:
+            windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
         if windows and scales.size:
             scales = build_scales(
                 min(low for low, high in windows if low < high), max(high for low, high in windows if low < high)
@@ -136,12 +148,6 @@ def list_candidates(
             )
         )  # fmt: skip
     return tuple(candidates)
-
-
-def _find_scale_range(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
-    """Range of the scales that an option can show; no range where nothing of it can be seen."""
-    largest = float(norms.max(initial=0.0))
-    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def assemble_linear_model(
@@ -182,9 +188,6 @@ def assemble_linear_model(
         refine=refine,
         moments=moments,
     )
-
-
-# ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
 def list_effect_groups(
@@ -276,9 +279,6 @@ def build_group(
     )
 
 
-# ---- the period of a swing -----------------------------------------------------------------------------------------------
-
-
 def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> CandidateColumns:
     """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
     options = found[effect.on_references, AXES.index(axis)]
@@ -289,9 +289,6 @@ def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found:
     norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
     return replace(group, scanned=True, scales=build_scales(low, high))
-
-
-# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
 def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
@@ -332,3 +329,46 @@ def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
     power = float(np.sum(columns**2))
     return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
+
+
+def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
+    """The linear model with the columns of a member's option at the true rates, where those differ enough.
+
+    Only effects with columns that are not switched on are changed.
+    """
+    entry, option = linear.candidate(member), linear.option(member)
+    if entry.process or effect.on_references or effect.switched or not effect.has_columns or effect.stage != "rate":
+        return linear
+    before = linear.X[:, option.columns]
+    high, W, X = effect.columns(model.stream, entry.axis, option.parameters), linear.W[:, option.columns], before
+    if high.shape[2] != option.count:  # with the rounding of a covariate
+        return linear
+    amplitudes = _fit_amplitudes(linear, member, X)
+    for _ in range(ROUNDS):
+        change = _change(model, W @ amplitudes)
+        G = model.G + change[:9].reshape(3, 3)
+        rates = model.rates + build_parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
+        high, last = effect.columns(replace(model.stream, rates=rates), entry.axis, option.parameters), X @ amplitudes
+        W = model.whiten(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
+        X = model.project_out_nuisance(W)
+        amplitudes = _fit_amplitudes(linear, member, X)
+        if np.linalg.norm(X @ amplitudes - last) < UNCHANGED:
+            break
+    if np.linalg.norm((X - before) @ amplitudes) < NONLINEAR:
+        return linear
+    options = list(entry.options)
+    options[member.option] = replace(option, start=linear.X.shape[1])
+    return linear.replace_options(member.candidate, options, W, X)
+
+
+def _fit_amplitudes(linear: LinearModel, member: SelectedCandidate, X: Array) -> Array:
+    """(k,) amplitudes of columns (N, k) under the prior at which the member is held."""
+    return np.asarray(np.linalg.solve(X.T @ X + np.eye(X.shape[1]) / linear.scale(member) ** 2, X.T @ linear.y))
+
+
+def _change(model: RecordingModel, explained: Array) -> Array:
+    """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
+    columns = np.hstack([model.calibration, model.starts])
+    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
+    left = model.whiten(model.zeta) - explained
+    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RANK)[0])[:12])

@@ -314,15 +314,14 @@ class LinearModel:
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
 
-def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE) -> Array:
-    """Scales (s,) to average over: those that the data can show and that are physically plausible, evenly spaced in log.
+def find_scale_range(
+    largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE
+) -> tuple[float, float]:
+    """Range of the scales that the data can show and that are physically plausible; no range where there are none.
 
-    There are none where nothing plausible could be seen; `largest` is the largest ‖X‖ of any option per unit amplitude.
+    `largest` is the largest ‖X‖ per unit amplitude.
     """
-    if not largest > 0:
-        return np.empty(0)
-    low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
-    return build_scales(low, high)
+    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def refine_scales(scales: Array, held: int) -> Array:

@@ -23,7 +23,7 @@ Source of the kinematics: Natanson (1998), (14) to (16); the sum is the integral
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -100,7 +100,8 @@ def linearise_recording(
         off = -np.einsum("mij,mj->mi", at, theta)
         path, zeta = find_relinearised_path(off, sigmas[references]), off
         if path is not None:
-            zeta, at, middle = path.errors, path.turn_attitudes(at), path.interpolate_turns(ends) @ middle
+            zeta, turns = path
+            at, middle = Rotation.from_rotvec(turns).as_matrix() @ at, interpolate_turns(turns, ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -127,24 +128,10 @@ def linearise_recording(
     t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
         np.concatenate(values) for values in zip(*made, strict=True)
     )
-    rates = raw @ G.T + bias
     return RecordingModel(
-        recording,
-        G,
-        bias,
-        t_s,
-        dt,
-        raw,
-        rates,
-        to_inertial,
-        at_reference,
-        tuple(blocks),
-        observations,
-        residuals,
-        off,
-        errors,
-        walks,
-    )
+        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals,
+        off, errors, walks,
+    )  # fmt: skip
 
 
 def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
@@ -197,28 +184,11 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> A
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
 
 
-@dataclass(frozen=True)
-class RelinearisedPath:
-    """Turns from the propagated to the true attitudes of an interval."""
+def find_relinearised_path(zeta: Array, sigma: Array) -> tuple[Array, Array] | None:
+    """Integrated errors (m, 3) of an interval along another path S, and the rotation vectors (m, 3) of S; inertial axes, rad.
 
-    errors: Array  # (m, 3) z at the references, rad
-    turns: Array  # (m, 3) rotation vectors of S there, inertial axes
-
-    def turn_attitudes(self, propagated: Array) -> Array:
-        """(m, 3, 3) Aᵀ along the path at the references, of those as propagated."""
-        return np.asarray(Rotation.from_rotvec(self.turns).as_matrix() @ propagated)
-
-    def interpolate_turns(self, ends: Indices) -> Array:
-        """(n, 3, 3) S in the middle of each step, with (m,) steps done at each reference, of which the last has all."""
-        middle = np.arange(ends[-1]) + 0.5
-        turns = np.column_stack([np.interp(middle, ends, self.turns[:, axis]) for axis in range(3)])
-        return np.asarray(Rotation.from_rotvec(turns).as_matrix())
-
-
-def find_relinearised_path(zeta: Array, sigma: Array) -> RelinearisedPath | None:
-    """The path of an interval with errors (m, 3) of the propagation in inertial axes and sigmas (m, 3) of the references, rad.
-
-    None where first order is enough.
+    The errors of the propagation are `zeta`, the sigmas of the references `sigma`, (m, 3) each. None where first order is
+    enough.
     """
     largest = float(np.linalg.norm(zeta, axis=1).max())
     if 0.5 * largest**2 < SMALL * float(sigma.min()):
@@ -230,4 +200,10 @@ def find_relinearised_path(zeta: Array, sigma: Array) -> RelinearisedPath | None
     run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
     # S begins at the average of the first references, not at the first, so that its own turn comes first.
     errors = smooth[0] + np.concatenate([np.zeros((1, 3)), run]) + (E * S.inv()).as_rotvec()
-    return RelinearisedPath(errors, smooth)
+    return errors, smooth
+
+
+def interpolate_turns(turns: Array, ends: Indices) -> Array:
+    """(n, 3, 3) S in the middle of each step, of its rotation vectors (m, 3) after `ends` steps, of which the last has all."""
+    middle = np.arange(ends[-1]) + 0.5
+    return np.asarray(Rotation.from_rotvec(np.column_stack([np.interp(middle, ends, one) for one in turns.T])).as_matrix())

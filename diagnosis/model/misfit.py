@@ -51,13 +51,10 @@ HEARD = 0.1
 OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
 
 
-def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
-    """Test M0's innovations of all references; no tests where there are too few.
-
-    Attitude errors (m, 3, k), such as those of an identified effect, may be estimated with G and b.
-    """
+def check_baseline(model: RecordingModel) -> tuple[Check, ...]:
+    """Test M0's innovations of all references, beside the lines in the readings; no tests where there are too few."""
     lines = [] if model.lines is None else [model.compute_attitude_turns(model.lines)]
-    e, later, taken = compute_innovations(model, [*beside, *lines])
+    e, later, taken = compute_innovations(model, lines)
     found = Innovations(e, taken.reshape(*e.shape, -1))
     if found.dof < FEWEST:
         return ()

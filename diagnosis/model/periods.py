@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from diagnosis.arrays import Array, Indices
+from diagnosis.arrays import Array
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.sinusoids import IntervalProducts, find_tops, make_waves
@@ -116,7 +116,9 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
     """Compute the products of the waves of an error of the rates or the references about one body axis."""
     columns = (model.reference_columns if on_references else model.cell_columns)[axis]
     gram = columns.T @ model.project_out_nuisance(columns)
-    t, length, interval = get_times(model, on_references)
+    t, length, interval = model.cells.t_s, model.cells.duration_s, model.cells.interval
+    if on_references:
+        t, length, interval = model.observation_t_s, np.zeros(model.observation_t_s.size), model.observation_block
     Q = compute_common_nuisance(model)
     count = len(model.blocks)
     zg = np.empty((at.made.size, count, 1 + Q.shape[1]), dtype=complex)
@@ -134,14 +136,6 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
         h += np.sum((a.conj() * turned).real, axis=0) + np.sum(np.abs(parts[1:]) ** 2, axis=0)
         s[:, number, 0] = np.sum(a * turned, axis=0) + np.sum(parts[1:] ** 2, axis=0)
     return IntervalProducts(middle, zg, h, s)
-
-
-def get_times(model: RecordingModel, on_references: bool) -> tuple[Array, Array, Indices]:
-    """Return times of the unit errors of a kind and how long each lasts, s, and the block of each."""
-    if on_references:
-        t_s = model.observation_t_s
-        return t_s, np.zeros_like(t_s), model.observation_block
-    return model.cells.t_s, model.cells.duration_s, model.cells.interval
 
 
 def compute_common_nuisance(model: RecordingModel) -> Array:

@@ -12,6 +12,23 @@ columns, the noise is judged anew without them:
 
 e_k the attitude errors of the effects' columns, a_k their amplitudes, and δp the change of G and b that fits ζ − Σ e_k a_k
 best.
+
+Columns of effects that follow the rate, such as its cube, are formed of the samples, whose noise is that of the attitude
+which is propagated with them. A column that holds this noise explains it, and a clean gyro seems to have an effect, as
+coefficients of noisy regressors are biased (Fuller, Measurement Error Models, Wiley 1987, section 1.1).
+
+The noise itself is seen in the residuals z, with covariance V, of which it is a part: the best estimate of the noise n(t) of
+the calibrated rates is E[n(t) | z] = E[n(t) zᵀ] V⁻¹ z. In inertial axes an observation at t_k holds −∫n dt up to t_k, so that
+
+    E[n(t) | z] = −P(t) Σ_{t_k > t} u_k,    u = V⁻¹ (z − C θ),
+
+with P the density of the noise and C θ what the nuisance parameters explain by least squares. Rates less this estimate are the
+best linear unbiased estimate of the motion, whose error goes with no residual (Rao, Linear Statistical Inference and Its
+Applications, Wiley 1973, section 5a.2). Smoothing them afterwards leaves that as it is.
+
+All this holds where the residuals are of noise. With an error of a hundred sigmas in them the estimate would be a hundred times
+the noise, and the rates without it would be no motion. Where χ² is larger than its degrees of freedom, u √(dof/χ²) stands for
+u, which leaves the estimate as large as noise would make it.
 """
 
 from __future__ import annotations
@@ -20,16 +37,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import Array
+from diagnosis.arrays import AXES, Array
+from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, estimate_reference_noise
 from diagnosis.detectors.sample_report import Line, SampleReport
 from diagnosis.detectors.samples import examine
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.model.baseline import calibrate_baseline, compute_correction, describe_unobserved, report_unobserved
-from diagnosis.model.bins import find_reference_steps
+from diagnosis.model.calibration import calibrate_baseline, compute_correction, describe_unobserved, report_unobserved
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.misfit import compute_attitude_errors
-from diagnosis.model.motion import add_expected_motion
 from diagnosis.model.periods import make_grid
 from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
 from diagnosis.model.rounding import add_rounding
@@ -55,25 +73,19 @@ def prepare(
     An `InputError` if the stream does not cover the intervals, or nothing is left of them. Progress is told as a text and the
     share done of a whole diagnosis.
     """
-    _check_samples(recording)
-    tell("gyro samples", 0.01)
-    report = examine(recording, settings)
-    tell("first calibration", 0.06)
-    found = classify_noise(recording, report, settings)
-    return replace(
-        found, notes=(*report_noise_levels(found), *_write_notes(found.model)), unobserved=report_unobserved(found.model)[0]
-    )
-
-
-def _check_samples(recording: Recording) -> None:
     if mark_interval_samples(recording).sum() < 2 * len(recording.intervals):
         prepare_measurements(recording)  # says which interval lacks samples
     if not mark_interval_samples(recording).any():
         raise InputError("no gyro sample starts inside any interval")
+    tell("gyro samples", 0.01)
+    report = examine(recording, settings)
+    tell("first calibration", 0.06)
+    found = classify_noise(recording, report, settings)
+    return replace(found, notes=tuple(_write_notes(found)), unobserved=report_unobserved(found.model)[0])
 
 
-def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
-    """Sentences with the noise that the diagnosis estimated, where the recording states none of its own."""
+def _write_notes(found: PreparedRecording) -> Iterator[str]:
+    """Sentences with noise that the diagnosis estimated where the recording states none, and with what cannot be seen."""
     recording, noise = found.model.recording, found.reference_noise
     if recording.gyro.arw_estimated:
         levels = ", ".join(f"{level:.3g}" for level in recording.gyro.arw_deg_per_sqrt_s * found.samples.noise_factor)
@@ -82,23 +94,17 @@ def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
         factors = noise.factors if noise.departs else np.ones(3)
         sigmas = ", ".join(f"{sigma:.3g}" for sigma in np.median(recording.attitudes.sigma_deg, axis=0) * factors)
         yield f"Noise of the references estimated as {sigmas} deg about x, y, z; the recording states an estimate only"
-
-
-def _write_notes(model: RecordingModel) -> tuple[str, ...]:
-    notes, recording = [], model.recording
     counts = [find_reference_rows(recording.attitudes.t_s, interval).size for interval in recording.intervals]
     if max(counts) <= 2:
-        left = 3 * len(counts) - 12
-        notes.append(
-            f"References only at the ends of {len(counts)} intervals: {max(left, 0)} degrees of freedom are left beside the 12 "
-            "of the calibration, so most effects cannot be told from one another or from a change of G and b"
+        yield (
+            f"References only at the ends of {len(counts)} intervals: {max(3 * len(counts) - 12, 0)} degrees of freedom are "
+            "left beside the 12 of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
-    notes += describe_unobserved(model)
-    notes.append(
+    yield from describe_unobserved(found.model)
+    yield (
         "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
         "reference attitudes can show it"
     )
-    return tuple(notes)
 
 
 @dataclass(frozen=True)
@@ -136,16 +142,13 @@ def classify_noise(
     if not (report.lattice | report.hidden).any():  # what these do to a reading is no noise of a known density
         model = add_expected_motion(model, report, stated * factors)
     elif report.lattice.any():
-        model = add_rounding(model, np.deg2rad(_find_coarse_steps(report)))
-    model = replace(model, lines=_select_fast_lines(model, report.lines))
-    return PreparedRecording(model, report, sigma, noise, ())
-
-
-def _select_fast_lines(model: RecordingModel, lines: Sequence[Line]) -> Array | None:
-    """(n, 3, k) the lines that are faster than the scan of periods; None without any. They would pass for slow ones."""
+        steps = {one.axis: one.value for one in report.tests if one.statistic == "lattice_step"}
+        coarse = np.where(report.lattice, [steps.get(axis, 0.0) for axis in AXES], 0.0)
+        model = add_rounding(model, np.deg2rad(coarse))
+    # Lines that are faster than the scan of periods would pass for slow ones.
     grid = make_grid(model)
-    fast = [] if grid is None else [line for line in lines if line.frequency_hz > grid.tried.max()]
-    return _build_line_errors(model, fast) if fast else None
+    fast = [] if grid is None else [line for line in report.lines if line.frequency_hz > grid.tried.max()]
+    return PreparedRecording(replace(model, lines=_build_line_errors(model, fast) if fast else None), report, sigma, noise, ())
 
 
 def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
@@ -155,12 +158,6 @@ def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
     for place, line in enumerate(lines):
         out[:, line.axis, place] = line.waveform[sample]
     return out
-
-
-def _find_coarse_steps(report: SampleReport) -> Array:
-    """Return the (3,) steps of readings that are coarser than their noise, deg/s; 0 where there are none."""
-    steps = {one.axis: one.value for one in report.tests if one.statistic == "lattice_step"}
-    return np.where(report.lattice, [steps.get(axis, 0.0) for axis in "xyz"], 0.0)
 
 
 def reclassify_without_effects(
@@ -183,7 +180,6 @@ def _measure_reference_noise(model: RecordingModel, report: SampleReport, settin
         sigma=recording.attitudes.sigma[model.reference_rows],
         to_inertial=model.at_reference,
         residuals=model.residuals,
-        rates=model.rates[find_reference_steps(model)],
         error_axes=recording.attitudes.select_rows(model.reference_rows).build_error_axes(),
     )
     noise = estimate_reference_noise(series, density, settings)
@@ -236,3 +232,44 @@ def subtract_effects(model: RecordingModel, at_work: Sequence[KnownEffect]) -> R
 
 def _replace_residuals(model: RecordingModel, residuals: Array) -> RecordingModel:
     return replace(model, residuals=residuals, zeta=model.average_references(residuals).ravel())
+
+
+def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
+    """Estimate the gyro's noise from the residuals, of a density (samples, 3), rad²/s, that may differ from the stated one.
+
+    Returns the expected error (samples, 3) of the raw rates, rad/s, zero where nothing is propagated, and rotation vectors
+    (m, 3) from the propagated attitudes to the expected ones at the references, inertial axes, rad.
+    """
+    gyro, inverse = model.recording.gyro, np.linalg.inv(model.G)
+    noise, turned = np.zeros(gyro.rates.shape), np.zeros((model.reference_rows.size, 3))
+    excess = float(model.y @ model.y) / max(model.degrees_of_freedom, 1)
+    weighed = model.weighed_residuals / np.sqrt(max(excess, 1.0))
+    for block, references in zip(model.blocks, model.reference_slices, strict=True):
+        t_s, to_inertial = model.t_s[block.steps], model.to_inertial[block.steps]
+        edges = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])
+        done = block.ends[block.groups + block.counts // 2]
+        # After a step come the observations that end behind it.
+        after = np.zeros((t_s.size + 1, 3))
+        np.add.at(after, done, weighed[block.rows].reshape(-1, 3))
+        after = np.cumsum(after[::-1], axis=0)[::-1][1:]
+        middle = gyro.t_s + 0.5 * gyro.sample_s
+        own = np.flatnonzero((middle > edges[0]) & (middle < edges[-1]))
+        step = np.searchsorted(edges, middle[own], side="right") - 1
+        u = np.einsum("nij,ni->nj", to_inertial[step], after[step])  # in body axes
+        power = (u @ model.G) * density[own] if density is not None else gyro.arw**2 * (u @ inverse.T)
+        noise[own] = -power
+        # The same of each step, by the mean over its samples, turns the attitude.
+        count = np.bincount(step, minlength=t_s.size)
+        mean = np.column_stack([np.bincount(step, noise[own, k], t_s.size) for k in range(3)]) / np.maximum(count, 1)[:, None]
+        moved = -np.einsum("nij,nj->ni", to_inertial, mean @ model.G.T) * model.dt[block.steps, None]
+        total = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)])
+        turned[references] = total[block.ends]
+    return noise, turned
+
+
+def add_expected_motion(model: RecordingModel, report: SampleReport, sigma: Array) -> RecordingModel:
+    """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
+    noise, turned = estimate_gyro_noise(model, report.density)
+    shown = remove_noise(report.rates - noise, model.recording)
+    again = linearise_recording(model.recording, model.G, model.bias, report.rates, shown, report.density, sigma=sigma)
+    return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)

@@ -192,8 +192,6 @@ class RecordingModel:
         axes = attitudes.build_error_axes()
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes, self.residuals)
 
-    # ---- columns ---------------------------------------------------------------------------------------------------------
-
     def reading(self, high: Array) -> Array:
         """Observations (N, k), not yet whitened, of readings that are too high: (n, 3, k) is added to the raw rates, rad/s."""
         return self._observe_increments(self.readings_influence, high)
@@ -243,8 +241,6 @@ class RecordingModel:
         """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
         own = block.steps
         return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), block.ends))
-
-    # ---- whitening and projection ----------------------------------------------------------------------------------------
 
     def whiten(self, columns: Array) -> Array:
         """L⁻¹ of the columns, (N,) or (N, k), with the factor L of the covariance of each block."""
@@ -308,8 +304,6 @@ class RecordingModel:
         """Observations less the nuisance parameters."""
         return self.size - self.nuisance.shape[1]
 
-    # ---- cells -----------------------------------------------------------------------------------------------------------
-
     @cached_property
     def cells(self) -> Cells:
         """Cells that end at the first reference of every observation."""
@@ -358,8 +352,6 @@ class RecordingModel:
             errors[:, axis] = 1.0
             out[axis][rows, np.arange(count)[:, None]] = self.observe_reference_error(errors).reshape(count, 3)
         return np.stack([self.whiten(part) for part in out])
-
-    # ---- random processes ------------------------------------------------------------------------------------------------
 
     @cached_property
     def cell_places(self) -> tuple[process_projection.ProcessProjection, ...]:

@@ -37,7 +37,7 @@ ROUNDING = 6  # decimals of a duration in s
 PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
-def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> StepTimes:
+def step_times(model: RecordingModel) -> StepTimes:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
@@ -54,7 +54,7 @@ def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> St
             widths.append((begin - end) / np.sqrt(12))
             weights.append(BETWEEN_INTERVALS / gaps)
             firsts.append(part.start)
-        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
+        count = int(np.clip(duration / LONGEST_STEP_GAP, 3, MOST_STEP_TIMES))
         inside = part.start + (np.arange(1, count + 1) / (count + 1) * (part.stop - part.start)).astype(int)
         times += t_s[inside].tolist()
         widths += [0.0] * count
@@ -121,9 +121,6 @@ def _add_times(
     return linear.replace_options(place, [*coarse, *finer], W, model.project_out_nuisance(W))
 
 
-# ---- looked for over the whole recording ---------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class StepPeak:
     """Time at which a step explains most of the residual of some members."""
@@ -161,10 +158,7 @@ class ResidualProducts:
 
 
 def add_step_times(
-    model: RecordingModel,
-    linear: LinearModel,
-    effects: Mapping[str, Effect],
-    wanted: Sequence[Wanted],
+    model: RecordingModel, linear: LinearModel, effects: Mapping[str, Effect], wanted: Sequence[Wanted]
 ) -> LinearModel:
     """The linear model with further times for the steps that explain most beside some members.
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.model.baseline import describe_unobserved
+from diagnosis.model.calibration import describe_unobserved
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free

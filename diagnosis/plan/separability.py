@@ -18,8 +18,7 @@ import numpy as np
 
 from diagnosis.arrays import Array
 from diagnosis.plan.columns import Signature, find_median_index
-from diagnosis.plan.result import Pair, Visible
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS, Pair, Visible
 from simulator.effects import EFFECTS
 
 

@@ -25,8 +25,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import Signature
-from diagnosis.plan.result import Verdict, Visible
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS, Verdict, Visible
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, Effect
 

@@ -60,9 +60,6 @@ def build_groups(
     return [*listed, *(build_rival(name, None, build(fitted)) for name, build in RIVAL_BUILDERS.items())]
 
 
-# ---- listed effects ------------------------------------------------------------------------------------------------------
-
-
 def find_sensor_effect(label: str) -> tuple[SensorEffect, str | None]:
     """The effect of a label, and its axis."""
     name, _, axis = label.partition(":")
@@ -104,9 +101,6 @@ def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes])
         more = effect.error(sightings, axis, one.amplitudes, one.parameters)
         sun, earth = sun + more[0], earth + more[1]
     return sun, earth
-
-
-# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:

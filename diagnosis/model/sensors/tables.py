@@ -141,9 +141,6 @@ def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
         )
 
 
-# ---- noise ---------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Noise:
     """Noise of the sensors, from what all columns together, of effects and of rivals, leave."""

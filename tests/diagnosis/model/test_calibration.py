@@ -8,8 +8,12 @@ import scipy.stats
 
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.search import Search
-from diagnosis.model.baseline import describe_unobserved
-from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects, jackknife_calibration
+from diagnosis.model.calibration import (
+    calibrate_beside_remainder,
+    calibrate_with_effects,
+    describe_unobserved,
+    jackknife_calibration,
+)
 from diagnosis.model.folds import assign_folds
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.linearise import linearise_recording

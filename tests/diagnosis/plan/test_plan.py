@@ -16,8 +16,8 @@ from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_
 from diagnosis.plan.extras import list_maneuvers
 from diagnosis.plan.invisible import find_invisible_effects
 from diagnosis.plan.pipeline import plan
+from diagnosis.plan.result import SETTINGS
 from diagnosis.plan.separability import compute_confusion_shares, list_pairs
-from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import calibrate
