@@ -25,10 +25,9 @@ from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.assemble import list_attitude_causes, list_next_explanations
 from diagnosis.detail_tables import tabulate_explanations
 from diagnosis.explain import AttitudeInference, infer_causes
-from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.joint_search import Inferred
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit_arc, fit_arcs
@@ -122,7 +121,10 @@ def explain_tables(
     found, inferred = infer_causes(first, settings, seed, _tell_nobody)
     p = found.p_value
     if inferred is not None:
-        anew = relinearise_tables(fits, effects, fit_listed_effects(inferred), settings)
+        # For an unknown too: the second order of what is listed must not look like another effect.
+        model, members = inferred.linear, inferred.best.members
+        listed = [member for member in members if model.candidate(member).listed]
+        anew = relinearise_tables(fits, effects, _hold(fit(model, listed)) if listed else {}, settings)
         if anew is not None:
             linear, noise = anew, estimate_sensor_noise(anew, settings)
         found, inferred = infer_causes(rescale_noise(linear, noise.factor), settings, seed, _tell_nobody, p)
@@ -136,14 +138,8 @@ def _tell_nobody(text: str, share: float) -> None:
     """No progress: the tables take a second or two."""
 
 
-def fit_listed_effects(inferred: Inferred) -> dict[str, HeldAmplitudes]:
-    """Amplitudes of the listed effects of the likeliest explanation, by label.
-
-    They are found for an unknown too: the second order of what is listed must not look like another effect.
-    """
-    model = inferred.linear
-    members = [member for member in inferred.best.members if model.candidate(member).listed]
-    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fit(model, members)} if members else {}
+def _hold(fitted: Sequence[FittedEffect]) -> dict[str, HeldAmplitudes]:
+    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fitted}
 
 
 def relinearise_tables(
@@ -179,7 +175,7 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
     (verdict, attribution), found = decide_sensor_verdict(explained, settings), explained.found
     present, misfits = verdict != "none", explained.misfits
     y, dof = explained.about_m0.y, explained.linear.dof
-    held = {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in found.fitted}
+    held = _hold(found.fitted)
     where = (
         *map(_find_misfit, misfits),
         *_find_noise(explained.noise),

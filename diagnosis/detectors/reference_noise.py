@@ -113,14 +113,11 @@ def estimate_reference_noise(
     if p >= settings.sample_event:
         return ReferenceNoise(factor, sigma, p, axis, settings.sample_event)
     axes = np.arange(3) if axis is None else np.array([axis])
-    of_gyro = bool(np.any(factor > 1)) and _compute_log_odds(found, wider, axes) < UNLIKELY
+    of_gyro = False
+    if np.any(factor > 1):  # log odds of an excess of the references against one of the angle turned, of two spacings
+        off = [_compare_spacings(found, wider, int(one)) for one in axes]
+        of_gyro = sum(0.5 * (of_angle - of_references) for of_references, of_angle in off) < UNLIKELY
     return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _test_white_normal(found, wider, axes))
-
-
-def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
-    """Compute the log odds of an excess of the references against one of the angle turned, from differences of two spacings."""
-    off = [_compare_spacings(found, wider, axis) for axis in axes]
-    return float(sum(0.5 * (of_angle - of_references) for of_references, of_angle in off))
 
 
 def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tuple[float, float]:

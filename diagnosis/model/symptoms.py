@@ -98,32 +98,20 @@ class SampleCause:
 def list_sample_causes(
     prepared: PreparedRecording, effects: Sequence[Effect], settings: DiagnosisSettings
 ) -> tuple[SampleCause, ...]:
-    """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
-    of_samples = prepared.samples.symptoms
-    if prepared.model.recording.gyro.arw_estimated:  # an import's estimate departs from itself by its error
-        of_samples = tuple(one for one in of_samples if one.kind != "white_noise_level")
-    symptoms = [*of_samples, *list_reference_symptoms(prepared)]
-    return assign_symptoms(symptoms, prepared.samples.tests, effects, _build_prepared_view(prepared), settings)
-
-
-def assign_symptoms(
-    symptoms: Sequence[Symptom],
-    tests: Sequence[SampleTest],
-    effects: Sequence[Effect],
-    view: SampleView,
-    settings: DiagnosisSettings,
-) -> tuple[SampleCause, ...]:
-    """Symptoms with the effects that claim them, and what the effects' own tests find.
+    """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them.
 
     The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom
     with the probability which the own test leaves. Symptoms that chance or a motion makes with more than half of the
     probability are left out.
     """
+    of_samples, tests, view = prepared.samples.symptoms, prepared.samples.tests, _build_prepared_view(prepared)
+    if prepared.model.recording.gyro.arw_estimated:  # an import's estimate departs from itself by its error
+        of_samples = tuple(one for one in of_samples if one.kind != "white_noise_level")
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
     found = []
-    for one in symptoms:
+    for one in (*of_samples, *list_reference_symptoms(prepared)):
         effect = claims.get(one.kind)
         explained = [
             compute_posterior(other.symptom, settings).listed for other in own if effect is not None and other.effect == effect

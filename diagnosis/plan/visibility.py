@@ -83,7 +83,8 @@ def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     x = one.draw(power.rng, SETTINGS.power_draws)
     if one.process:
         size = best = worst = power.size(x, SETTINGS.random / float(one.norms[0]))
-        snr, text = float("nan"), ", ".join(_format_parameter(name, value) for name, value in one.parameters[0].items())
+        parameters = [f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in one.parameters[0].items()]
+        snr, text = float("nan"), ", ".join(parameters)
     else:
         norm = max(float(np.linalg.norm(x)), 1e-300)
         size = power.size(x, SETTINGS.snr / norm)
@@ -95,10 +96,6 @@ def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     if size > effect.prior[1]:
         return replace(row, text="hidden at most times")
     return replace(row, text="hidden at worst") if worst > effect.prior[1] else row
-
-
-def _format_parameter(name: str, value: float | str) -> str:
-    return f"{name} {value:.4g}" if isinstance(value, float) else value
 
 
 def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
