@@ -51,7 +51,8 @@ def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Samp
     stream = Stream(recording, gyro.rates.copy(), density, np.zeros(gyro.t_s.size, dtype=bool), used)
     repeated, stream = bridge_repeats(stream, settings.sample_event)
     formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma)
-    sigma, found, lines, factor, hidden = stream.sigma, [repeated, formats.describe()], (), np.ones(3), np.zeros(3, dtype=bool)
+    sigma, found, factor, hidden = stream.sigma, [repeated, formats.describe()], np.ones(3), np.zeros(3, dtype=bool)
+    lines: tuple[Line, ...] = ()
     if sigma > 0:
         stream, noisy, lines, factor, hidden = _examine_noise(stream, formats, settings)
         found += noisy
