@@ -87,7 +87,6 @@ def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):
         sigma=np.full((COUNT, 3), SIGMA),
         to_inertial=A.transpose(0, 2, 1),
         residuals=errors - turned - wander,
-        rates=np.tile(np.deg2rad(rate_deg_s) * axis, (COUNT, 1)),
     )
     return estimate_reference_noise(series, DENSITY)
 
