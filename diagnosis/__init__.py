@@ -12,7 +12,7 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
    identified (`model.known_effects`). `sinusoids` fits the lines of the samples and the periods of step 4.
 3. `model.symptoms` computes the posterior of each symptom.
 4. `model.groups` builds the columns of listed effects, with `model.processes` and `model.periods`,
-   and of alternatives outside the library (`model.deterministic_alternatives`,
+   and of alternatives outside the library (`model.alternatives`,
    `model.periodic_alternatives`). `model.candidates` joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.
 6. `inference.joint_search` finds the set of effects and random errors with the highest posterior, by the evidence of sets

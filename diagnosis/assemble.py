@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis import notes, posterior
 from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
+from diagnosis.arrays import AXES
 from diagnosis.detail_tables import build_details
-from diagnosis.detectors.sample_report import AXES, Line
+from diagnosis.detectors.sample_report import Line
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.levels import compute_levels

@@ -26,11 +26,9 @@ from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects
 from diagnosis.model.candidates import build_linear_model
-from diagnosis.model.known_effects import select_known_effects
 from diagnosis.model.linear import Candidate, LinearModel
 from diagnosis.model.misfit import check_baseline
-from diagnosis.model.noise_classification import reclassify_without_effects
-from diagnosis.model.prepare import PreparedRecording, Progress
+from diagnosis.model.prepare import PreparedRecording, Progress, reclassify_without_effects, select_known_effects
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.remainder import summarise_remainder
 from diagnosis.settings import DiagnosisSettings
@@ -84,7 +82,7 @@ def explain_prepared(
     explained = explain(prepared, effects, settings, seed, tell)
     once_more = partial(_tell_repetition, tell)
     at_work = select_known_effects(explained.fitted, {effect.name: effect for effect in effects})
-    again = reclassify_without_effects(prepared, at_work, settings, once_more)
+    again = reclassify_without_effects(prepared, at_work, settings)
     return (prepared, explained) if again is None else (again, explain(again, effects, settings, seed, once_more))
 
 

@@ -45,7 +45,7 @@ def explain_fitting_residuals(
     if not (gap or samples):
         return ()
     # As a calibration has it: all references, the samples as they are, and the noise as stated.
-    e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias, pieces=prepared.pieces))
+    e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
     if p < FITS:

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import UNDECIDED, Regressor, RemainderSummary
+from diagnosis.arrays import AXES
 from diagnosis.budget import Step, predict_held_out
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.model.processes import AXES, BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
+from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import CLOCKS
 

@@ -3,45 +3,65 @@
 The linear model is made twice: about M0, and, where there is a gap, about the amplitudes found, which are taken off the
 measurements before the arcs are fitted again. An error of 0.2° leaves 0.0007° of second order, a hundredth of which would be
 seen in thousands of measurements; after the second round 1e-6° is left.
+
+An alignment calibration knows orthogonal matrices and biases only. In place of the heads it puts a misalignment of DSS-2, and
+of what DSS-1's head turns, biases of the Earth sensor. That explanation is tested beside the one that is named, with what is
+named otherwise left in. Which effects it solves for, and which it mistakes for them, the effects say themselves
+(`simulator.effects.sensor.SensorEffect.alignment`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+import pandas as pd
+import scipy.linalg
 from scipy.special import chdtrc
 
 from diagnosis.answer import Closure, Finding, Verdict
+from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.assemble import list_attitude_causes, list_next_explanations
 from diagnosis.detail_tables import tabulate_explanations
 from diagnosis.explain import AttitudeInference, infer_causes
-from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.joint_search import Inferred
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit_arc, fit_arcs
-from diagnosis.model.sensors.columns import GYRO_RIVAL, HeldAmplitudes, compute_held_error
-from diagnosis.model.sensors.orthogonal import list_orthogonal
+from diagnosis.model.sensors.columns import GYRO_RIVAL, HeldAmplitudes, compute_held_error, find_sensor_effect
 from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refine_parameters
-from diagnosis.model.sensors.residuals import list_sensor_findings, tabulate_sensor_residuals
 from diagnosis.model.sensors.tables import Noise, Tables, build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
 from diagnosis.posterior import list_attitude_explanations
-from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
+from diagnosis.sensor_result import SENSOR_RESIDUAL_COLUMNS, RejectedExplanation, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
-from simulator.effects.sensor import SensorEffect
+from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
-LEAST_POSITIVE = 1e-300
 ANY = "sensors"  # signal of what is no matter of one sensor alone
 UNOBSERVABLE_ROTATION_NOTE = (
     "A rotation of all sensors together is an attitude error and cannot be seen; DSS-1 and the Earth sensor's model are the "
     "reference, so a misalignment of DSS-1 shows as one of DSS-2 and as biases of the Earth sensor"
 )
+
+SENSOR_ANGLE_NAMES = {
+    0: ("penetration 1", "penetration 2", "penetration 3", "penetration 4"),
+    1: ("alpha", "beta"),
+    2: ("alpha", "beta"),
+}
+SENSOR_NAMES = {0: "ESA", 1: "DSS-1", 2: "DSS-2"}
+RIVAL_FINDINGS = {  # signal and words for residuals that follow the columns of a rival
+    "smooth error of DSS-1": ("DSS-1", "residuals of DSS-1 follow where the Sun is in its field of view"),
+    "smooth error of DSS-2": ("DSS-2", "residuals of DSS-2 follow where the Sun is in its field of view"),
+    "Earth sensor at orbit harmonics": ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
+    "Earth sensor near the Sun": ("ESA", "quadrants of the Earth sensor are off near the Sun"),
+}
+
+SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
 
 
 @dataclass(frozen=True)
@@ -66,16 +86,9 @@ class ExplainedTables:
 def diagnose_sensors(
     recording: Recording, effects: Sequence[SensorEffect], settings: DiagnosisSettings = DEFAULT, seed: int = 0
 ) -> SensorDiagnosis:
-    """Say whether the raw sensor tables depart from the nominal sensors, and by which effects.
+    """Say whether the raw sensor tables depart from the nominal sensors, and by which of the effects.
 
-    An `InputError` if the tables cannot be used.
-
-    Parameters
-    ----------
-    recording : with raw sensor tables and an ephemeris
-    effects : that may be named
-    settings : thresholds and priors
-    seed : of the null distribution
+    An `InputError` if the tables, or their ephemeris, cannot be used. The seed is that of the null distribution.
     """
     wrong = find_misreading(recording)
     if wrong is None:
@@ -94,10 +107,7 @@ def explain_tables(
 ) -> ExplainedTables:
     """Explain the raw tables of a recording; parameters and errors of `diagnose_sensors`.
 
-    Raises
-    ------
-    MisfitError
-        The measurements of no arc fit the nominal sensors.
+    A `MisfitError` if the measurements of no arc fit the nominal sensors.
     """
     arcs, skipped = build_arcs(recording)
     fits, unfitted, misfits = fit_arcs(arcs)
@@ -111,7 +121,10 @@ def explain_tables(
     found, inferred = infer_causes(first, settings, seed, _tell_nobody)
     p = found.p_value
     if inferred is not None:
-        anew = relinearise_tables(fits, effects, fit_listed_effects(inferred), settings)
+        # For an unknown too: the second order of what is listed must not look like another effect.
+        model, members = inferred.linear, inferred.best.members
+        listed = [member for member in members if model.candidate(member).listed]
+        anew = relinearise_tables(fits, effects, _hold(fit(model, listed)) if listed else {}, settings)
         if anew is not None:
             linear, noise = anew, estimate_sensor_noise(anew, settings)
         found, inferred = infer_causes(rescale_noise(linear, noise.factor), settings, seed, _tell_nobody, p)
@@ -125,14 +138,8 @@ def _tell_nobody(text: str, share: float) -> None:
     """No progress: the tables take a second or two."""
 
 
-def fit_listed_effects(inferred: Inferred) -> dict[str, HeldAmplitudes]:
-    """Amplitudes of the listed effects of the likeliest explanation, by label.
-
-    They are found for an unknown too: the second order of what is listed must not look like another effect.
-    """
-    model = inferred.linear
-    members = [member for member in inferred.best.members if model.candidate(member).listed]
-    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fit(model, members)} if members else {}
+def _hold(fitted: Sequence[FittedEffect]) -> dict[str, HeldAmplitudes]:
+    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fitted}
 
 
 def relinearise_tables(
@@ -147,9 +154,6 @@ def relinearise_tables(
     except (UnobservableError, InputError):
         return None
     return build_sensor_model(build_tables(again, effects, held), effects, settings)
-
-
-# ---- the answer ----------------------------------------------------------------------------------------------------------
 
 
 def decide_sensor_verdict(
@@ -171,7 +175,7 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
     (verdict, attribution), found = decide_sensor_verdict(explained, settings), explained.found
     present, misfits = verdict != "none", explained.misfits
     y, dof = explained.about_m0.y, explained.linear.dof
-    held = {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in found.fitted}
+    held = _hold(found.fitted)
     where = (
         *map(_find_misfit, misfits),
         *_find_noise(explained.noise),
@@ -241,3 +245,60 @@ def _find_noise(noise: Noise) -> tuple[Finding, ...]:
         f"{noise.factor:.3g} times the stated one"
     )
     return (Finding(ANY, None, None, None, "noise", noise.factor, noise.p_value, text),)
+
+
+def list_solved_for(effects: Iterable[SensorEffect]) -> tuple[str, ...]:
+    """List the labels of what an alignment calibration solves for; none where one of them is not among the effects."""
+    whole = [effect for effect in SENSOR_EFFECTS.values() if effect.alignment == "solved"]
+    given = {effect.name for effect in effects}
+    return tuple(effect.name for effect in whole) if all(effect.name in given for effect in whole) else ()
+
+
+def list_orthogonal(named: Sequence[str], effects: Iterable[SensorEffect]) -> tuple[str, ...]:
+    """List the labels of the explanation of an alignment calibration beside the one that is named.
+
+    There are none where no named cause is one that such a calibration mistakes.
+    """
+    others = list_solved_for(effects)
+    kept = [label for label in named if find_sensor_effect(label)[0].alignment != "mistaken"]
+    return tuple(dict.fromkeys([*kept, *others])) if len(kept) < len(named) and others else ()
+
+
+def tabulate_sensor_residuals(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes]) -> pd.DataFrame:
+    """Residuals of all measurements under M0, and of a fit with some effects taken off the measurements."""
+    parts = [pd.DataFrame(columns=SENSOR_RESIDUAL_COLUMNS)] if not fits else []
+    for before in fits:
+        arc = before.arc
+        after = fit_arc(arc, *compute_held_error(arc.sightings, held)) if held else before
+        for series, number, old, new in zip(arc.series, arc.numbers, before.residuals, after.residuals, strict=True):
+            looked = arc.sightings.sun_angles[arc.sightings.sun_sensor == number] if number else None
+            for k, angle in enumerate(SENSOR_ANGLE_NAMES[number]):
+                values = (
+                    SENSOR_NAMES[number],
+                    angle,
+                    arc.name,
+                    series.t,
+                    np.nan if looked is None else np.rad2deg(looked[:, 0]),
+                    np.nan if looked is None else np.rad2deg(looked[:, 1]),
+                    np.rad2deg(old[:, k]),
+                    np.rad2deg(new[:, k]),
+                )
+                parts.append(pd.DataFrame(dict(zip(SENSOR_RESIDUAL_COLUMNS, values, strict=True))))
+    return pd.concat(parts, ignore_index=True)
+
+
+def list_sensor_findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
+    """Tests of each sensor by itself: chi-square of the columns that an error of it may have, the strongest first."""
+    found = []
+    for group in tables.groups:
+        finding = SENSOR_EFFECTS[group.effect].finding if group.listed else RIVAL_FINDINGS.get(group.effect)
+        if finding is None:
+            continue
+        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SEEN)
+        chi2, count = float(np.sum((basis.T @ tables.y) ** 2)), basis.shape[1]
+        p = float(max(chdtrc(count, chi2), LEAST_POSITIVE)) if count else 1.0
+        if p < rate:
+            signal, text = finding
+            sentence = f"{text} (χ² {chi2:.4g}, {count} expected)"
+            found.append(Finding(signal, None, None, None, "chi2", chi2, p, sentence))
+    return tuple(sorted(found, key=lambda one: -one.value))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from diagnosis.inference.search import Explanation, Search
 from diagnosis.model.candidates import place_candidates
 from diagnosis.model.folds import build_normal_fold
-from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import LinearModel
+from diagnosis.model.linear import CandidateColumns, LinearModel
 from diagnosis.settings import DEFAULT
 from simulator.arrays import Array
 

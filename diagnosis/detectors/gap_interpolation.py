@@ -20,12 +20,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices, Mask
 from gyrocal.mask_runs import find_mask_runs
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SIDE = 8  # readings on either side
 SHORT = 2  # samples of a run, up to which a line does
@@ -40,21 +37,10 @@ CLEARLY = 0.8  # of the variance, below which another bridge is the better one
 
 
 def fill_gaps(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:
-    """Rates with the bad samples bridged.
+    """Bridge the bad samples (n,) of rates (n, 3), rad/s, that start at `t_s` and have white noise `sigma`.
 
-    Parameters
-    ----------
-    t_s : (n,) sample starts
-    rates : (n, 3) rad/s
-    bad : (n,) samples to bridge
-    sample_s : their spacing where none is missing, s
-    sigma : white noise of a reading, rad/s
-
-    Returns
-    -------
-    rates : (n, 3)
-    factor : (n,) by which the noise density of a sample grows; runs and their neighbours
-    density : (n, 3) what the motion adds to it, rad²/s
+    Returns the rates, the factor (n,) by which the noise density of a sample grows, and what the motion adds to it, (n, 3)
+    rad²/s.
     """
     out = rates.copy()
     factor, density = np.ones(len(rates)), np.zeros(rates.shape)
@@ -111,7 +97,7 @@ def _choose_bridge(
     return best, of_best
 
 
-def _collect_side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.intp]:
+def _collect_side(t_s: Array, bad: Mask, places: range, sample_s: float) -> Indices:
     """Readings of a side, from the run outward until one is missing or bad."""
     kept: list[int] = []
     for place in places:
@@ -147,7 +133,7 @@ def _build_cubic_bridge(n: int, m: int) -> Array:
     )  # fmt: skip
 
 
-def _fit_slope(t_s: Array, rates: Array, places: NDArray[np.intp]) -> Array:
+def _fit_slope(t_s: Array, rates: Array, places: Indices) -> Array:
     """(3,) of the straight line through some readings, rad/s²."""
     t = t_s[places] - t_s[places].mean()
     return np.asarray(t @ rates[places] / (t @ t))

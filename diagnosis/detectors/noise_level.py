@@ -1,6 +1,6 @@
 """Noise of one gyro: its level, and whether an excess is white noise or readout noise of the angle.
 
-Of the short blocks (`diagnosis.detectors.noise_blocks`), the largest share of the calmest is taken in which no motion shows:
+Of short blocks of samples, the largest share of the calmest is taken in which no motion shows:
 whose powers are those of noise, and scatter as such, as they do not where the motion has jerks. Blocks that pass zero, where a
 dead zone jumps, count if they show the same level. Where a motion shows in all shares, but the spectrum is level beside a weak
 one, all that it adds counts as an uncertainty of the level. Two templates test whether the noise is as stated, white noise of
@@ -8,37 +8,42 @@ another level and readout noise beside white noise as stated, and the smaller p-
 
 An excess of either kind has one number, and the smaller χ² says which it is; the ratio of their likelihoods is the odds. Where
 neither fits, both together may. IEEE Std 952, annex C.
+
+In most of the spectrum of a block a smooth motion leaves next to nothing of itself: differences of the sixth order leave little
+of a motion that is slow beside the sampling, before any window could spread it over all frequencies. Their cosines, whitened
+from the highest frequency down with their covariance under white noise of variance w, are then independent and N(0, w). What is
+left of a motion has the more power the slower it is: the slowest cosines say which blocks are the calmest, each in terms of
+what is usual for it, and under white noise that choice leaves the power of those above alone. Their mean squares P_k say how
+much noise there is, and of which kind,
+
+    P_k = w + q² R_k + m M_k,
+
+with R_k of readings of the angle with unit variance, whose differences the rates are, which rises with the frequency, and M_k
+of a motion whose second derivative is white noise, as jerks make it, which falls. Where its part m is free, a rest of the
+motion that is too weak to be seen is not taken for noise; w is then known by a quarter worse.
+
+P_k is the mean of the squares below c = 3.5², in units of P_k/κ: jerks are rare and large. Under white noise, with F_n and f_n
+the distribution and the density of χ² with n degrees of freedom at c, κ = F₃/F₁, and P_k over b blocks has the relative
+variance V/b,
+
+    V = (3 F₅ − F₃²/F₁)/(F₃ − (c − κ) c f₁)² = 2.09,
+
+beside 2/b of all squares (Huber, Robust statistics, 1981, section 3.2).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
+import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.noise_blocks import (
-    MOVING,
-    OF_MOTION,
-    ORDER,
-    READ_OUT,
-    SAMPLES,
-    SHOWING,
-    WHITE_COSINES,
-    cut_blocks,
-    estimate_powers,
-    find_zero_crossings,
-    fit_white_noise,
-    has_spike,
-    is_even,
-    rank_calm_blocks,
-    smooth_errors,
-)
+from diagnosis.arrays import Array, Indices, Mask
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
-
-Array = NDArray[np.float64]
 
 CALM_SHARES = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
 FEWEST_BLOCKS = 12  # below which nothing is said
@@ -46,6 +51,26 @@ SAME = 2.0  # sigmas between blocks that pass zero and the rest, up to which the
 FITS = 1e-3  # p-value from which on noise is explained
 UNDECIDED = 8.0  # difference of χ² up to which the worse of white and readout noise is possible, too
 CLEAR = 4.0  # sigmas of white and of readout noise, where both are needed
+
+SAMPLES = 32  # of a block, whose spectrum is looked at
+ORDER = 6  # of the differences
+SLOWEST = 2  # cosine, below which differences leave too little of white noise
+SHOWING = 26  # cosines from the highest down that show the noise; those below, how calm a block is
+UNREST = 4.0  # times the usual slow power, from which on a block never counts: one in a hundred of white noise
+# sigmas of the least and of the largest reading of a block that passes zero
+AT_ZERO = 2.0
+FROM_ZERO = 4.0
+SPIKE = 4.5  # sigmas of a sample that is far off
+CUT = 12.25  # of a square in terms of its mean, from which on it does not count
+ROUNDS = 8  # of finding that mean
+QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
+EVEN = 3.0  # sigmas between the levels that they show, at most
+MOVING = 2.0  # sigmas of a motion's power, up to which blocks show none
+BAND = 9  # cosines, a third of those that show the noise, that a motion in one band may have
+FITS = 1e-3  # p-value from which on powers are explained
+
+HIDDEN_TONE_FREQUENCY = 1 / SAMPLES  # cycles a sample, up to which a tone leaves nothing in the blocks
+MEDIAN_SQUARE = float(scipy.special.chdtri(1, 0.5))  # of white noise of unit variance
 
 
 @dataclass(frozen=True)
@@ -78,16 +103,10 @@ class NoiseLevel:
 
 
 def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float, noise_degrees: float = np.inf) -> NoiseLevel | None:
-    """Fit the noise in the largest share of the calmest blocks that shows no motion.
+    """Fit the noise of readings x (n,), rad/s, in the largest share of the calmest blocks of some runs that shows no motion.
 
     Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
-
-    Parameters
-    ----------
-    x : (n,) readings, rad/s
-    arcs : runs of samples
-    expected : variance of a sample's noise as stated, (rad/s)²
-    noise_degrees : its degrees of freedom, if it was estimated
+    The variance of a sample is stated as `expected`, (rad/s)², with `noise_degrees` of freedom if it was estimated.
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
@@ -136,7 +155,10 @@ def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLe
         return None
     variance = expected * fit.white
     sigma = expected * (fit.sigma if fit.still else float(np.hypot(fit.sigma, fit.motion)))
-    p = compute_p_of_level(variance, sigma, expected, noise_degrees)
+    dof = 2 * (variance / sigma) ** 2  # of χ², as many as the sigma says
+    chi2 = dof * variance / expected
+    smaller = compute_smaller_chi2_p(chi2, dof, noise_degrees)
+    p = float(min(1.0, 2 * min(compute_chi2_p(chi2, dof, noise_degrees), smaller)))
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
     free = SHOWING * count
@@ -144,22 +166,8 @@ def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLe
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
 
-def compute_p_of_level(variance: float, sigma: float, expected: float, noise_degrees: float = np.inf) -> float:
-    """Compute the p-value of a variance that is as stated: χ² with as many degrees of freedom as its sigma says."""
-    free = 2 * (variance / sigma) ** 2
-    chi2 = free * variance / expected
-    smaller = compute_smaller_chi2_p(chi2, free, noise_degrees)
-    return float(min(1.0, 2 * min(compute_chi2_p(chi2, free, noise_degrees), smaller)))
-
-
 def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:
-    """Fit readout noise, beside any motion, if that explains the powers better than white noise does, or nearly as well.
-
-    Parameters
-    ----------
-    powers, errors : (k,) of the blocks, and their standard errors, (rad/s)²
-    expected : variance of white noise as stated, (rad/s)²
-    """
+    """Fit readout noise, beside any motion, if that explains powers (k,), (rad/s)², nearly as well as white noise or better."""
     even, fits, free = np.ones(powers.size), FITS, powers.size - 2
     _, _, white_chi2 = _fit_parts(powers / errors, errors, [even])
     square, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
@@ -186,3 +194,150 @@ def _fit_parts(seen: Array, errors: Array, parts: list[Array]) -> tuple[Array, A
         if found[-1] > MOVING * sigmas[-1]:
             break
     return found[: len(parts)], sigmas[: len(parts)], float(np.sum((seen - design @ found) ** 2))
+
+
+def cut_blocks(parts: list[Array]) -> Array:
+    """(b, samples + order) samples of the same blocks."""
+    windows, length = np.lib.stride_tricks.sliding_window_view, SAMPLES + ORDER
+    found = [windows(part, length)[::SAMPLES] for part in parts if part.size >= length]
+    return np.concatenate([np.empty((0, length)), *found])
+
+
+def find_zero_crossings(samples: Array, sigma: float) -> Mask:
+    """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
+    smooth = samples - np.diff(samples, ORDER, axis=1) @ WHITE_COSINES[:SHOWING].T @ BACK
+    at_zero = (smooth.min(axis=1) < AT_ZERO * sigma) & (smooth.max(axis=1) > -AT_ZERO * sigma)
+    return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma))
+
+
+def has_spike(blocks: Array) -> Mask:
+    """(b,) blocks in which one sample is far off its neighbours, as no motion makes it: of white noise one in 4000."""
+    power = np.median(blocks[:, : SAMPLES // 2] ** 2) / MEDIAN_SQUARE if len(blocks) else 0.0
+    limit = SPIKE * np.sqrt(power * np.sum(BACK**2, axis=0))
+    return np.asarray((np.abs(blocks[:, :SHOWING] @ BACK) > limit).any(axis=1))
+
+
+def rank_calm_blocks(blocks: Array) -> Indices:
+    """Blocks in the order of their slow power, the calmest first, without those that are far from calm."""
+    slow = blocks[:, SHOWING:] ** 2
+    if not len(slow):
+        return np.zeros(0, dtype=np.intp)
+    unrest = np.sum(slow / np.maximum(np.median(slow, axis=0), 1e-300), axis=1)
+    order = np.argsort(unrest, kind="stable")
+    return order[unrest[order] < UNREST * np.median(unrest)]
+
+
+def estimate_powers(blocks: Array) -> Array:
+    """(k,) mean squares over the blocks, P_k, without those that are far out; zero where most are."""
+    squares = blocks**2
+    power = np.median(squares, axis=0) / MEDIAN_SQUARE
+    before: Mask | None = None
+    for _ in range(ROUNDS):
+        kept = squares < CUT * power
+        if before is not None and np.array_equal(kept, before):
+            break
+        before = kept
+        power = np.sum(squares * kept, axis=0) / np.maximum(kept.sum(axis=0), 1) / _KAPPA
+    return np.asarray(power)
+
+
+@dataclass(frozen=True)
+class WhiteNoiseFit:
+    """White noise in the mean squares of blocks."""
+
+    white: float  # white, sigma: variance w of a sample and its standard error, in units of the powers
+    sigma: float
+    fits: bool  # whether that explains the powers
+    still: bool  # whether no motion shows in them
+    motion: float  # mean power of the motion over them, no less than zero, in units of the powers
+    rise: float  # readout noise beside white noise of variance one, in its sigmas
+
+
+def fit_white_noise(powers: Array, blocks: int) -> WhiteNoiseFit:
+    """White noise that explains the powers of so many blocks, in units of what is stated, and readout noise beside that."""
+    variance = SPREAD / blocks
+    white, motion = _LEVEL @ (_DESIGN.T @ powers)
+    left = powers - _DESIGN @ np.array([white, motion])
+    fits = white > 0 and scipy.special.chdtrc(SHOWING - 2, float(left @ left) / (variance * white**2)) > FITS
+    still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
+    rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
+    error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
+    return WhiteNoiseFit(float(white), error, bool(fits), bool(still), of_motion, rise)
+
+
+def compute_broadband_share(powers: Array, expected: float) -> float:
+    """Share of powers (k,) above the expected variance that is left beside any third of the spectrum, if it were even in it.
+
+    It is one of white noise and 0.77 of readout noise, which have it everywhere. What has it in one band, as a body that shakes
+    with its wheels or its appendages, leaves less than 0.2, which the ends of the blocks spread.
+    """
+    above = powers / expected - 1
+    inside = np.convolve(above, np.ones(BAND), "valid")
+    return float((above.sum() - inside.max()) / (above.size - BAND) / above.mean())
+
+
+def smooth_errors(powers: Array, blocks: int) -> Array:
+    """(k,) standard errors of the powers, from powers smoothed by all three parts."""
+    design = np.column_stack([np.ones(SHOWING), READ_OUT, OF_MOTION])
+    smooth = design @ np.linalg.lstsq(design, powers, rcond=None)[0]
+    return np.asarray(np.maximum(smooth, 0.2 * powers.mean()) * np.sqrt(SPREAD / blocks))
+
+
+def is_even(blocks: Array) -> bool:
+    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
+
+    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
+    p (1 − q)/(n f_p f_q).
+    """
+    power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
+    at = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
+    low, high = np.quantile(power, QUANTILES) / at
+    (p, q), (a, b) = QUANTILES, 1 / (at * _compute_chi2_density(at, dof))
+    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
+    return bool(high < (1 + EVEN * error) * low)
+
+
+def _build_difference_covariance(order: int) -> Array:
+    """(samples, samples) of differences of white noise of unit variance."""
+    kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
+    lags = np.correlate(kernel, kernel, "full")[order:]
+    return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(SAMPLES - lags.size))))
+
+
+def _build_white_cosines() -> Array:
+    """(samples − slowest, samples) from differences to coefficients, downward, that are independent under white noise."""
+    cosines = scipy.fft.dct(np.eye(SAMPLES), axis=0, norm="ortho")[SLOWEST:][::-1]
+    factor = np.linalg.cholesky(cosines @ _build_difference_covariance(ORDER) @ cosines.T)
+    return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
+
+
+def _compute_process_power(order: int) -> Array:
+    """(showing,) power of each of a process whose differences of the given order white noise has in those of the sixth."""
+    return np.diag(WHITE_COSINES @ _build_difference_covariance(order) @ WHITE_COSINES.T)[:SHOWING].copy()
+
+
+def _compute_chi2_density(x: Array | float, dof: int) -> Array:
+    """Compute the density of χ² with some degrees of freedom."""
+    half = 0.5 * dof
+    return np.asarray(np.exp((half - 1) * np.log(x) - 0.5 * np.asarray(x) - half * np.log(2) - scipy.special.gammaln(half)))
+
+
+def _compute_truncation_factors() -> tuple[float, float]:
+    """κ and V of the mean of the squares below CUT."""
+    f1, f3, f5 = (float(scipy.special.chdtr(n, CUT)) for n in (1, 3, 5))
+    kappa = f3 / f1
+    slope = f3 - (CUT - kappa) * CUT * float(_compute_chi2_density(CUT, 1))
+    return kappa, (3 * f5 - f3**2 / f1) / slope**2
+
+
+WHITE_COSINES = _build_white_cosines()
+BACK = WHITE_COSINES[:SHOWING] @ np.diff(
+    np.eye(SAMPLES + ORDER), ORDER, axis=0
+)  # (showing, samples + order) from samples to cosines
+READ_OUT = _compute_process_power(ORDER + 1)  # R_k
+OF_MOTION = _compute_process_power(ORDER - 2)  # M_k
+_KAPPA, SPREAD = _compute_truncation_factors()
+_DESIGN = np.column_stack([np.ones(SHOWING), OF_MOTION])
+_LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
+LEVEL_WEIGHTS = (_LEVEL @ _DESIGN.T)[0]  # (showing,) from squares of a block to its noise power beside any motion
+_RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

@@ -16,15 +16,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from diagnosis.detectors.sample_report import Tell, ignore_progress
+from diagnosis.arrays import Array
 from gyrocal.recording import Recording
 from gyrocal.smoothing import estimate_sample_sigma, replace_outliers, smooth_axis
 from simulator.effects.recording_view import find_interval_slices
-
-Array = NDArray[np.float64]
 
 NEIGHBOURS = 17  # coefficients whose mean square is taken
 
@@ -33,30 +30,17 @@ LOUDEST = 1 + 4 * float(np.sqrt(2 / NEIGHBOURS))
 FEWEST_COSINE_SAMPLES = 8 * NEIGHBOURS  # samples of an interval whose motion is looked for among frequencies
 
 
-def remove_noise(rates: Array, recording: Recording, tell: Tell = ignore_progress) -> Array:
+def remove_noise(rates: Array, recording: Recording) -> Array:
     """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     out = rates.copy()
-    parts = find_interval_slices(recording)
-    for number, part in enumerate(parts):
-        tell("motion without noise", number / len(parts))
+    for part in find_interval_slices(recording):
         out[part] = remove_interval_noise(rates[part], recording.gyro.sample_s, estimate_sample_sigma(rates[part], sigma))
     return out
 
 
 def remove_interval_noise(rates: Array, sample_s: float, sigma: Array) -> Array:
-    """Rates of one interval without their noise.
-
-    Parameters
-    ----------
-    rates : (n, 3) rad/s, evenly sampled
-    sample_s : spacing, s
-    sigma : (3,) noise of one sample of each axis, rad/s
-
-    Returns
-    -------
-    (n, 3) rad/s
-    """
+    """Rates (n, 3) of one interval, rad/s, evenly sampled, without their noise of (3,) sigmas of a sample."""
     return np.column_stack([_choose_axis_estimate(rates[:, axis], sample_s, float(level)) for axis, level in enumerate(sigma)])
 
 

@@ -15,23 +15,31 @@ exceed the noise hold a motion that is no cubic, such as the end of a turn, and 
 of zero to the other has a random phase to the lattice, over which its likelihood is integrated. A block that rests has no
 random phase, since a body rests at the same rate again: its likelihood is the maximum, and noise below half a step leaves it
 alike for all formats. Truncation is as plausible beforehand as rounding, since both are one line of code.
+
+Slow rates are given back what the lattice takes. A reading x + n of noise n ~ N(0, σ²) on a lattice of step q has the mean
+
+    rounded  f(x) = q Σ_k Φ((x − (k + ½) q)/σ) over k ≥ 0, less q Σ_k Φ((−x − (k + ½) q)/σ)
+    cut      f(x) = q Σ_k Φ((x − k q)/σ) over k ≥ 1, less q Σ_k Φ((−x − k q)/σ)
+
+With noise above q/3 rounding hardly matters; below it f is a staircase. Cutting takes half a step off every rate that is
+larger than one, whatever the noise. Means over a minute are inverted through f; where the rate moves, half a step is given
+back to every reading but zero, and so it is where the noise spans many steps. What remains is the lattice's own noise, q²/12 a
+sample where the noise spreads it, and worse on a stair, or where a swing turns round inside a step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.ndimage
 from scipy.special import expit, logsumexp, ndtr
 
-from diagnosis.detectors.lattice import Kind, find_lattice_step, undo_lattice
-from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
 from simulator.effects.recording_view import find_interval_slices
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FORMATS: tuple[Kind, Kind] = ("rounded", "cut")
 
@@ -55,6 +63,20 @@ HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from whi
 
 LEAST_CELL_PROBABILITY = 1e-12  # of a probability
 
+Kind = Literal["rounded", "cut"]
+
+MEAN_S = 60.0  # s, of the means that are inverted
+FEW = 20  # readings at least, of those
+REACH = 10  # steps on either side of zero in which f is tabulated
+LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
+FLAT = 0.3  # slope of f below which a reading hides the rate
+SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
+EXACT = 0.02  # steps, by which a value may be off the lattice
+PRINTED = 5e-5  # relative error of a number printed with five digits, by which it may be off as well
+UNTOLD = 0.2  # steps, of what may be off, beyond which a value says nothing of the lattice
+FEWEST_TOLD = 50  # other values, by which the chance of a lattice is less than 1e-19
+FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
+
 
 @dataclass(frozen=True)
 class NumberFormats:
@@ -64,13 +86,17 @@ class NumberFormats:
     log_odds: Array  # (3,) that readings were cut and not rounded, zero where the samples leave it open
     coarse: Mask  # (3,) whether the lattice matters beside the noise
     cut: Mask  # (3,) whether readings are taken as cut toward zero
-    may_be_rounded: Mask  # may_be_rounded, may_be_cut: (3,) whether that is possible
-    may_be_cut: Mask
+    may_be_cut: Mask  # (3,) whether that is possible
 
     def describe(self) -> Findings:
         """Describe the lattice of each gyro; gyros on one lattice are one departure."""
         names = np.where(self.cut, "lattice_cut", "lattice_rounded")
-        tests = tuple(self._describe_test(axis, str(names[axis])) for axis in range(3))
+        tests = []
+        for axis, step in enumerate(np.rad2deg(self.steps).tolist()):
+            p, text = 1.0, "readings lie on no lattice that matters beside the noise"
+            if self.coarse[axis]:
+                p, text = IMPOSSIBLE, f"all readings are multiples of {step:.4g} deg/s"
+            tests.append(SampleTest("lattice_step", AXES[axis], step, 0.0, p, str(names[axis]), text))
         symptoms: list[Symptom] = []
         for kind in ("lattice_rounded", "lattice_cut"):
             axes = np.flatnonzero(self.coarse & (names == kind))
@@ -78,14 +104,7 @@ class NumberFormats:
             common = axes.size == 3 and np.ptp(steps) < SAME * steps.mean()
             each = [(None, axes[0], steps.mean())] if common else [(AXES[k], k, self.steps[k]) for k in axes]
             symptoms += [self._describe_lattice(kind, name, int(axis), float(step)) for name, axis, step in each]
-        return Findings(tests, tuple(symptoms))
-
-    def _describe_test(self, axis: int, kind: str) -> SampleTest:
-        step = float(np.rad2deg(self.steps[axis]))
-        text = "readings lie on no lattice that matters beside the noise"
-        if self.coarse[axis]:
-            text = f"all readings are multiples of {step:.4g} deg/s"
-        return SampleTest("lattice_step", AXES[axis], step, 0.0, IMPOSSIBLE if self.coarse[axis] else 1.0, kind, text)
+        return Findings(tuple(tests), tuple(symptoms))
 
     def _describe_lattice(self, kind: str, name: str | None, axis: int, step: float) -> Symptom:
         size = float(np.rad2deg(step))
@@ -97,14 +116,10 @@ class NumberFormats:
 
 
 def find_number_formats(rates: Array, used: Mask, usable: Mask, parts: Sequence[slice], sigma: float) -> NumberFormats:
-    """Find the lattices that readings lie on, and how readings came there.
+    """Find the lattices that readings (n, 3), rad/s, lie on, and how readings came there.
 
-    Parameters
-    ----------
-    rates : (n, 3) readings, rad/s
-    used, usable : (n,) samples inside the intervals, and samples that were measured
-    parts : samples of each interval
-    sigma : noise of a reading, rad/s
+    The samples `used` are inside the intervals, `usable` ones were measured, `parts` are the samples of each interval, and
+    `sigma` is the noise of a reading.
     """
     steps = np.array([find_lattice_step(rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
@@ -116,20 +131,13 @@ def find_number_formats(rates: Array, used: Mask, usable: Mask, parts: Sequence[
     # Readings that keep their sign and are cut toward zero are rounded ones but for a constant.
     both_signs = bool((coarse & (rates[used].min(axis=0) < 0) & (rates[used].max(axis=0) > 0)).any())
     cut = coarse & both_signs & (odds > 0)
-    may_be_rounded, may_be_cut = (coarse & (expit(sign * odds) > POSSIBLE) for sign in (-1, 1))
-    return NumberFormats(steps, odds, coarse, cut, may_be_rounded, may_be_cut)
+    return NumberFormats(steps, odds, coarse, cut, coarse & (expit(odds) > POSSIBLE))
 
 
 def compute_log_odds(rates: Array, parts: Sequence[slice], usable: Mask, steps: Array, sigma: float) -> Array:
     """Compute the log odds (3,) of cutting against rounding for each gyro; gyros with the same step have one converter.
 
-    Parameters
-    ----------
-    rates : (n, 3) readings, rad/s
-    parts : samples of each interval
-    usable : (n,) samples that were measured
-    steps : (3,) of the lattices, rad/s, zero for a gyro that is left out
-    sigma : noise of a reading before it was put on the lattice, rad/s
+    A step of zero leaves a gyro out; the other arguments are those of `find_number_formats`.
     """
     own = np.zeros(3)
     for axis in np.flatnonzero(steps > 0):
@@ -140,14 +148,7 @@ def compute_log_odds(rates: Array, parts: Sequence[slice], usable: Mask, steps: 
 
 
 def compute_log_likelihood(parts: Iterable[Array], step: float, sigma: float) -> Array:
-    """Compute the (2,) log likelihoods of the formats from one gyro's readings.
-
-    Parameters
-    ----------
-    parts : readings that follow one another without a gap, rad/s, each (n,)
-    step : of the lattice, rad/s
-    sigma : noise of a reading before it was put on the lattice, rad/s
-    """
+    """Compute the (2,) log likelihoods of the formats from runs of one gyro's readings; noise before rounding in rad/s."""
     blocks = [np.round(x[: x.size // BLOCK * BLOCK] / step).reshape(-1, BLOCK) for x in parts]
     counts = np.concatenate([np.empty((0, BLOCK)), *blocks])
     counts = counts[(counts.min(axis=1) <= 1) & (counts.max(axis=1) >= -1) & (np.ptp(counts, axis=1) > 0)]
@@ -222,3 +223,91 @@ def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]
             density[part, axis] = density[part, axis] * factor + more
             hidden[axis] |= bool(np.mean(more > 0) > HIDDEN)
     return replace(stream, rates=rates, density=density), hidden
+
+
+def find_lattice_step(x: Array) -> float:
+    """Find the step of the lattice that all values (n,) lie on; 0 if there is none."""
+    values = np.unique(x)
+    if values.size < 3:
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * max(float(np.abs(values).max()), 1e-30)]
+    if not gaps.size:
+        return 0.0
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    order = np.argsort(np.abs(values))
+    for share in (0.01, 0.1, 1.0):
+        chosen = values[order[: max(3, int(share * values.size))]]
+        counts = np.round(chosen / step)
+        if np.any(counts):
+            step = float(counts @ chosen / (counts @ counts))
+    off = np.abs(values / step - np.round(values / step))
+    allowed = EXACT + PRINTED * np.abs(values / step)
+    told = allowed < UNTOLD
+    exact = off.max() < EXACT or (told.sum() >= FEWEST_TOLD and bool((off < allowed)[told].all()))
+    return step if exact else 0.0
+
+
+def compute_mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
+    """f(x): mean reading at true readings x with noise sigma, within `REACH` steps of zero."""
+    shift = 0.5 if kind == "rounded" else 1.0
+    out = np.zeros_like(x)
+    for k in range(REACH + 8):
+        edge = (k + shift) * step
+        out += ndtr((x - edge) / sigma) - ndtr((-x - edge) / sigma)
+    return out * step
+
+
+def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> tuple[Array, Array, Array]:
+    """Undo a lattice as far as the slow part of readings x (n,) of one interval goes; step and noise in rad/s.
+
+    Returns the readings, what to multiply their noise density with, and what to add to it, rad²/s; (n,) each.
+    """
+    counts = np.round(x / step)
+    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
+    if (kind == "rounded" and sigma > SPREAD * step) or sigma > FINE * step:
+        return x + half, np.ones_like(x), np.zeros_like(x)
+    count = min(max(FEW, round(MEAN_S / sample_s)), x.size)
+    mean = scipy.ndimage.uniform_filter1d(x, count, mode="nearest")
+    few = scipy.ndimage.uniform_filter1d(x, min(FEW, x.size), mode="nearest")
+    # A long mean of a fast swing stands still; that of few readings does not.
+    moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(FEW))
+    # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
+    stair = np.linspace(-0.5, 0.5, 401) * step
+    level = np.round(mean / step) * step
+    true, slope = _invert_mean_reading(
+        mean - level, stair, compute_mean_reading(stair, step, max(sigma, 1e-3 * step), "rounded")
+    )
+    true = true + level
+    if kind == "cut":
+        near = np.abs(mean) < (REACH - 2) * step
+        grid = np.linspace(-REACH, REACH, 4001) * step
+        low, low_slope = _invert_mean_reading(mean, grid, compute_mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
+        true = np.where(near, low, true + 0.5 * step * np.sign(mean))
+        slope = np.where(near, low_slope, slope)
+    factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
+    # On a flat stair the rate may be anywhere in between, and stay there for a while.
+    hidden = np.where(~moving & (slope < FLAT), step**2 / 12 * MEAN_S, 0.0)
+    width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
+    turning = np.where(moving, width**2 / 12 * (measure_hold_times(counts, sample_s) - sample_s), 0.0)
+    return x + np.where(moving, half, true - mean), factor, hidden + turning
+
+
+def measure_hold_times(counts: Array, sample_s: float) -> Array:
+    """Measure the time for which each reading's error keeps its sign, s; one sample if the rate passes through its step.
+
+    A rate that turns round inside a step is in error by up to half of it, on one side, for as long as it stays there.
+    """
+    first = np.flatnonzero(np.append(True, np.diff(counts) != 0))
+    length = np.diff(np.append(first, counts.size))
+    way = np.sign(np.diff(counts[first]))
+    passes = np.append(0, way) * np.append(way, 0) > 0
+    return np.repeat(np.where(passes, 1, length), length) * sample_s
+
+
+def _invert_mean_reading(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:
+    """True readings whose mean is given, and the slope of the mean there."""
+    # The grid is symmetric about zero: on a flat stair its middle is taken, not an edge.
+    rising = np.maximum.accumulate(curve + 1e-9 * grid)
+    true = np.interp(mean, rising, grid)
+    return true, np.interp(true, grid, np.gradient(curve, grid))

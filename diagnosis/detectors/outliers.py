@@ -15,22 +15,9 @@ import numpy as np
 import scipy.linalg
 import scipy.ndimage
 import scipy.special
-from numpy.typing import NDArray
 
-from diagnosis.detectors.sample_report import (
-    AXES,
-    IMPOSSIBLE,
-    Findings,
-    SampleTest,
-    Stream,
-    Symptom,
-    Tell,
-    ignore_progress,
-    mark_consecutive_samples,
-)
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, mark_consecutive_samples
 
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 
@@ -76,19 +63,9 @@ class OutlierFit:
     fraction: float  # share of the samples
 
 
-def find_outliers(
-    stream: Stream, quiet: Mask, noise: Array, steps: Array, event_p: float, tell: Tell = ignore_progress
-) -> tuple[Findings, Stream]:
-    """Find single samples far outside of their neighbours, and bridge them.
-
-    Parameters
-    ----------
-    stream : what was recorded, repaired so far
-    quiet : (n,) samples at rest
-    noise, steps : (3,) of a sample, and of a coarse lattice, rad/s
-    event_p : p-value below which outliers are a departure
-    """
-    found, judged = _find_of_gyros(stream, quiet, noise, steps, tell)
+def find_outliers(stream: Stream, quiet: Mask, noise: Array, steps: Array, event_p: float) -> tuple[Findings, Stream]:
+    """Find single samples far outside of their neighbours, and bridge them; noise and coarse lattices (3,) in rad/s."""
+    found, judged = _find_of_gyros(stream, quiet, noise, steps)
     counts = [int(one.places.sum()) for one in found]
     n = max(int(judged.sum()), 1)
     chance = n * 2 * float(scipy.special.ndtr(-LIMIT)) * 1.2
@@ -146,7 +123,7 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
     return OutlierFit(strongest if alone else None, size, float(error), seen, float(fraction))
 
 
-def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell: Tell) -> tuple[list[Outliers], Mask]:
+def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array) -> tuple[list[Outliers], Mask]:
     """Find the outliers of each gyro; also the samples that were judged."""
     used, follows = stream.used, mark_consecutive_samples(stream.recording, quiet)
     whole = scipy.ndimage.binary_erosion(used & mark_consecutive_samples(stream.recording, used), iterations=SIDE)
@@ -158,7 +135,6 @@ def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell
     turning = whole & known & ~resting
     found, moving = [], []
     for axis in range(3):
-        tell(f"outliers of gyro {AXES[axis]}", axis / 3)
         x, level, step = stream.rates[:, axis], float(noise[axis]), float(steps[axis])
         parts = [(mask, find_single_samples(x, mask, level, step)) for mask in (resting, turning) if mask.any()]
         if not parts:
@@ -194,14 +170,7 @@ def _repair(stream: Stream, found: list[Outliers], fit: OutlierFit) -> Stream:
 
 
 def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Outliers:
-    """Find single samples off what their neighbours tell.
-
-    Parameters
-    ----------
-    x : (n,) readings of one gyro, rad/s
-    judged : (n,) samples that are judged
-    noise, step : of a sample, and of a coarse lattice, rad/s
-    """
+    """Find single samples of readings x (n,) off what their neighbours tell, among those judged; noise and lattice in rad/s."""
     judged = judged.copy()
     judged[:SIDE] = judged[-SIDE:] = False
     weights = _fit_weights(x, judged)

@@ -18,13 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices, Mask
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
@@ -52,7 +48,6 @@ class ReferenceSeries:
     sigma: Array  # (m, 3) stated, about the body axes, rad
     to_inertial: Array  # (m, 3, 3) Aᵀ of the propagated attitude
     residuals: Array  # (m, 3) reference minus propagated attitude, inertial, rad
-    rates: Array  # (m, 3) of the body, rad/s
     # (m, 3, 3) body components of independent errors of these sigmas; None of errors that are independent themselves
     error_axes: Array | None = None
 
@@ -102,19 +97,11 @@ class Differences:
 
 
 def estimate_reference_noise(
-    series: ReferenceSeries,
-    density: Array,
-    settings: DiagnosisSettings = DEFAULT,
-    motion: Array | None = None,
+    series: ReferenceSeries, density: Array, settings: DiagnosisSettings = DEFAULT, motion: Array | None = None
 ) -> ReferenceNoise | None:
-    """Test of the references' noise; None without a series of references.
+    """Test the references' noise beside noise of the gyros of densities (3,), rad²/s; None without a series of references.
 
-    Parameters
-    ----------
-    series : references and residuals under the calibration
-    density : (3,) noise density of the gyros, rad²/s
-    settings : thresholds
-    motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
+    The part of attitude errors (m, 3, k) about inertial axes that follow the motion is taken out.
     """
     found, wider = (_find_differences(series, density, motion, apart) for apart in (1, 2))
     if len(found.values) < FEWEST or not np.all(found.stated > 0):
@@ -126,14 +113,11 @@ def estimate_reference_noise(
     if p >= settings.sample_event:
         return ReferenceNoise(factor, sigma, p, axis, settings.sample_event)
     axes = np.arange(3) if axis is None else np.array([axis])
-    of_gyro = bool(np.any(factor > 1)) and _compute_log_odds(found, wider, axes) < UNLIKELY
+    of_gyro = False
+    if np.any(factor > 1):  # log odds of an excess of the references against one of the angle turned, of two spacings
+        off = [_compare_spacings(found, wider, int(one)) for one in axes]
+        of_gyro = sum(0.5 * (of_angle - of_references) for of_references, of_angle in off) < UNLIKELY
     return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _test_white_normal(found, wider, axes))
-
-
-def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
-    """Compute the log odds of an excess of the references against one of the angle turned, from differences of two spacings."""
-    off = [_compare_spacings(found, wider, axis) for axis in axes]
-    return float(sum(0.5 * (of_angle - of_references) for of_references, of_angle in off))
 
 
 def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tuple[float, float]:

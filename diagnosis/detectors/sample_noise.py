@@ -2,42 +2,47 @@
 
 Noise that all three gyros have too much of by one factor is of one kind, and each says its part of which. Power in one band of
 the spectrum is no noise of another level, but a body that shakes with its wheels or its appendages.
+
+White noise of any level depends neither on the motion nor on the time. Each short block (`diagnosis.detectors.noise_level`) has
+one estimate of the noise power in which a motion with rough accelerations cancels: the squares of its cosines, weighted as the
+least squares of white noise beside such a motion weigh them. Blocks in six classes of equal size, by a reading, its change or
+the time, have the same mean then. An analysis of variance tests that, of each covariate; where classes are of equal size, it is
+robust against unequal variances (Box, Annals of Mathematical Statistics 25, 1954). A body that shakes while it turns has it on
+several gyros, so that a dependence of one gyro alone is reported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
 import scipy.ndimage
 import scipy.special
-from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from diagnosis.detectors.noise_blocks import HIDDEN_TONE_FREQUENCY, compute_broadband_share
-from diagnosis.detectors.noise_level import UNDECIDED, Readout, fit_noise_level
-from diagnosis.detectors.number_format import NumberFormats
-from diagnosis.detectors.sample_report import (
-    AXES,
-    IMPOSSIBLE,
-    Findings,
-    Line,
-    SampleTest,
-    Stream,
-    Symptom,
-    Tell,
-    ignore_progress,
+from diagnosis.arrays import AXES, Array, Indices, Mask
+from diagnosis.detectors.noise_level import (
+    HIDDEN_TONE_FREQUENCY,
+    LEVEL_WEIGHTS,
+    ORDER,
+    SAMPLES,
+    SHOWING,
+    UNDECIDED,
+    WHITE_COSINES,
+    Readout,
+    compute_broadband_share,
+    find_zero_crossings,
+    fit_noise_level,
+    rank_calm_blocks,
 )
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from diagnosis.detectors.number_format import NumberFormats
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream, Symptom
 
 HALF = 20  # samples on either side of one in the test for quiet
 # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 MOVING = 20.0
-ORDER = 6  # of the differences that show the noise of a sample robustly
 FEWEST = 200  # differences, below which those of samples that were not measured count as well
 # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 RESOLVED = 0.34
@@ -51,14 +56,10 @@ ONE_FACTOR = 14.0  # χ² of three noise factors with one mean, below which they
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 POSSIBLE = 0.02  # probability from which on the other kind of noise is an alternative
 
-
-@dataclass(frozen=True)
-class SampleNoise:
-    """Noise of the samples."""
-
-    findings: Findings  # tests and departures
-    factor: Array  # (3,) of a sample, actual over stated noise
-    density: Array  # (3,) of the noise density that integrates to the attitude, actual over stated
+FEWEST_BLOCKS = 150  # in six classes of 25, below which no test is made
+CLASSES = 6  # of blocks
+LARGEST = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement
+NOTABLE = 0.05  # standard deviation of the classes' means, as a share of the power, that matters; by judgement
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,10 @@ def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array,
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
 
-def find_quiet_samples(rates: Array, noise: Array, tell: Tell = ignore_progress) -> Mask:
+def find_quiet_samples(rates: Array, noise: Array) -> Mask:
     """Samples around which the mean rate does not visibly change on any axis."""
     half, moving = HALF, np.zeros(len(rates), dtype=bool)
     for axis, level in enumerate(noise):
-        tell(f"quiet samples of gyro {AXES[axis]}", axis / 3)
         ahead = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=-half // 2, mode="nearest")
         behind = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=half // 2 - 1, mode="nearest")
         moving |= np.abs(ahead - behind) / (level * np.sqrt(2 / half)) > MOVING
@@ -99,21 +99,15 @@ def find_quiet_samples(rates: Array, noise: Array, tell: Tell = ignore_progress)
 
 
 def measure_noise(
-    stream: Stream, formats: NumberFormats, lines: Sequence[Line], event_p: float, tell: Tell = ignore_progress
-) -> SampleNoise:
-    """Measure the noise of each axis, beside the lines of the spectrum.
+    stream: Stream, formats: NumberFormats, lines: Sequence[Line], event_p: float
+) -> tuple[Findings, Array, Array]:
+    """Measure the noise of each axis of a repaired stream, beside the lines of the spectrum.
 
-    Parameters
-    ----------
-    stream : repaired readings
-    formats : of the readings
-    lines : of the spectrum
-    event_p : p-value below which noise is not as stated
+    Returns findings, and actual over stated noise of a sample and of the density that integrates to the attitude, (3,) each.
     """
     measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
     found: dict[int, NoiseFactor] = {}
     for axis in range(3):
-        tell(f"noise level of gyro {AXES[axis]}", axis / 3)
         one = _measure_axis(stream, axis, measured, formats, [line for line in lines if line.axis == axis], event_p)
         if one is not None:
             found[axis] = one
@@ -127,7 +121,7 @@ def measure_noise(
     odd = {axis: one for axis, one in found.items() if one.p_value < event_p}
     symptoms, density = _describe(stream, odd, event_p)
     factor = np.array([odd[axis].value if axis in odd else 1.0 for axis in range(3)])
-    return SampleNoise(Findings(tests, tuple(symptoms)), factor, density)
+    return Findings(tests, tuple(symptoms)), factor, density
 
 
 def _measure_axis(
@@ -218,3 +212,102 @@ def _describe_readout(
         text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
         found.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p, text))
     return found, white**2
+
+
+def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p: float) -> tuple[Findings, Array]:
+    """Test whether the noise level of a gyro depends on readings, their change, or the time.
+
+    The stream is without the tones of the spectrum. Measured samples (n,) of the gyros whose noise is that of M0 but for its
+    level, `tested` (3,), count. Returns findings, and the p-value of each gyro (3,), 1 where it is not tested.
+    """
+    length = SAMPLES + ORDER
+    begins = [np.arange(low, high - length + 1, SAMPLES) for low, high in stream.find_arcs(measured)]
+    begin = np.concatenate([np.zeros(0, dtype=np.intp), *begins]).astype(np.intp)
+    p_values, sizes, texts = np.ones(3), np.zeros(3), [""] * 3
+    for axis in np.flatnonzero(tested):
+        p_values[axis], sizes[axis], texts[axis] = _test_axis(stream, begin[:, None] + np.arange(length), int(axis))
+    tests = tuple(
+        SampleTest("noise_dependence", AXES[axis], float(sizes[axis]), 0.0, float(p_values[axis]), "noise_pattern", texts[axis])
+        for axis in range(3)
+        if texts[axis]
+    )
+    departing = (p_values < event_p) & (sizes > NOTABLE)
+    if not departing.any():  # a dependence too small to matter is none
+        return Findings(tests), np.where(sizes > NOTABLE, p_values, 1.0)
+    if np.count_nonzero(departing) > 1:
+        return Findings(tests), np.ones(3)
+    one = int(np.argmax(departing))
+    found = Symptom("noise_pattern", AXES[one], float(sizes[one]), "of its power", 0.0, {}, float(p_values[one]), texts[one])
+    return Findings(tests, (found,)), np.where(departing, p_values, 1.0)
+
+
+def lower_likeness(symptoms: tuple[Symptom, ...], p_values: Array) -> tuple[Symptom, ...]:
+    """Lower the likeness of noise of another level where the level depends on something: that is white noise of no level."""
+    out = []
+    for one in symptoms:
+        if one.kind in ("white_noise_level", "readout_noise"):
+            p = min(1.0, 3 * float(p_values.min())) if one.axis is None else float(p_values[AXES.index(one.axis)])
+            out.append(replace(one, likeness=min(one.likeness, p)))
+        else:
+            out.append(one)
+    return tuple(out)
+
+
+def _test_axis(stream: Stream, window: Indices, axis: int) -> tuple[float, float, str]:
+    """Test one gyro: the smallest p-value times the number of covariates, its size and a sentence; no text if untested."""
+    if len(window) < FEWEST_BLOCKS:
+        return 1.0, 0.0, ""
+    x = stream.rates[window, axis]
+    cosines = np.diff(x, ORDER, axis=1) @ WHITE_COSINES.T
+    calm = np.zeros(len(x), dtype=bool)
+    calm[rank_calm_blocks(cosines)] = True
+    calm &= ~find_zero_crossings(x, stream.sigma)
+    if np.count_nonzero(calm) < FEWEST_BLOCKS:
+        return 1.0, 0.0, ""
+    window, power = window[calm], cosines[calm, :SHOWING] ** 2 @ LEVEL_WEIGHTS
+    usual = float(np.median(power))
+    if usual <= 0:
+        return 1.0, 0.0, ""
+    power = np.minimum(power / usual, 1 + LARGEST * np.sqrt(2 * np.sum(LEVEL_WEIGHTS**2)))
+    found = []
+    for name, values in _list_covariates(stream, window, axis):
+        classes = np.array_split(np.argsort(values, kind="stable"), CLASSES)
+        if values[classes[-1]].min() <= values[classes[0]].max():  # nearly all blocks have the same value
+            continue
+        found.append((*_compare_means([power[own] for own in classes]), name))
+    if not found:
+        return 1.0, 0.0, ""
+    p, size, name = min(found)
+    return max(min(1.0, len(found) * p), IMPOSSIBLE), size, f"the noise level of gyro {AXES[axis]} depends on {name}"
+
+
+def _list_covariates(stream: Stream, window: Indices, axis: int) -> list[tuple[str, Array]]:
+    """List what the level may depend on, with a value for each block."""
+    gyro = stream.recording.gyro
+    means = stream.rates[window].mean(axis=1)
+    half, order = window.shape[1] // 2, ORDER
+    own = stream.rates[window, axis]
+    change = own[:, -order:].mean(axis=1) - own[:, :order].mean(axis=1)
+    t_s = gyro.t_s[window[:, half]]
+    begins = np.array([one.start_s for one in stream.recording.intervals])
+    since = t_s - begins[np.maximum(np.searchsorted(begins, t_s, side="right") - 1, 0)]
+    of_size = [("the size of its reading" if k == axis else f"the size of the reading of gyro {AXES[k]}", k) for k in range(3)]
+    return [
+        *((name, np.abs(means[:, k])) for name, k in of_size),
+        ("its reading", means[:, axis]),
+        ("the change of its reading", np.abs(change)),
+        ("the time", t_s),
+        ("the time since an interval's start", since),
+    ]
+
+
+def _compare_means(classes: list[Array]) -> tuple[float, float]:
+    """Compare the means of classes by an analysis of variance: p-value, and standard deviation of the means in terms of all."""
+    count, total = len(classes), sum(one.size for one in classes)
+    everything = np.concatenate(classes)
+    means = np.array([one.mean() for one in classes])
+    between = sum(one.size * (mean - everything.mean()) ** 2 for one, mean in zip(classes, means, strict=True)) / (count - 1)
+    within = sum(float(np.sum((one - mean) ** 2)) for one, mean in zip(classes, means, strict=True)) / (total - count)
+    p = float(scipy.special.fdtrc(count - 1, total - count, between / max(within, 1e-300)))
+    noise = within * count / total  # of a mean
+    return p, float(np.sqrt(max(means.var(ddof=1) - noise, 0.0)) / max(everything.mean(), 1e-300))

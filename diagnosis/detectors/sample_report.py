@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import AXES, Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-Tell = Callable[[str, float], None]  # what is being done, and the share done
-
-AXES = "xyz"
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
-
-
-def ignore_progress(text: str, share: float) -> None:
-    """Nobody listens."""
-
-
-def scale_progress(tell: Tell, begin: float, stop: float) -> Tell:
-    """Progress of a part of the work, which is so much of all."""
-    return lambda text, share: tell(text, begin + (stop - begin) * share)
 
 
 @dataclass(frozen=True)
@@ -57,7 +41,7 @@ class Symptom:
     probability: float = 1.0  # that an effect is at work and not a motion of the body, where that was weighed
     # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
-    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.noise_dependence`)
+    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.sample_noise`)
 
 
 @dataclass(frozen=True)

@@ -9,41 +9,30 @@ cannot happen at all under M0 and are given the smallest p.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
-from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
+from diagnosis.arrays import AXES, Array, Mask
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
 from diagnosis.detectors.outliers import find_outliers
-from diagnosis.detectors.own_repeats import find_own_repeats
-from diagnosis.detectors.repeats import bridge_repeats
-from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples, measure_noise
-from diagnosis.detectors.sample_report import (
-    AXES,
-    IMPOSSIBLE,
-    Findings,
-    Line,
-    SampleReport,
-    SampleTest,
-    Stream,
-    Symptom,
-    Tell,
-    ignore_progress,
-    scale_progress,
+from diagnosis.detectors.repeats import bridge_repeats, find_own_repeats
+from diagnosis.detectors.sample_noise import (
+    estimate_local_noise,
+    find_noise_dependence,
+    find_quiet_samples,
+    lower_likeness,
+    measure_noise,
 )
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleReport, SampleTest, Stream, Symptom
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # of samples that read exactly zero beside others that do not come near it
 FEWEST_STRETCHES = 3  # of zeros
@@ -55,73 +44,57 @@ BESIDE_ZERO = 10  # samples beside a zero that are left out of other tests
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 
 
-def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Tell = ignore_progress) -> SampleReport:
-    """Test all samples of a recording, and repair the stream.
-
-    Parameters
-    ----------
-    recording : what was recorded
-    settings : thresholds
-    tell : called with what is looked for and the share done
-    """
+def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
+    """Test all samples of a recording, and repair the stream."""
     gyro, used = recording.gyro, mark_interval_samples(recording)
     density = np.full(gyro.rates.shape, gyro.arw**2)
     stream = Stream(recording, gyro.rates.copy(), density, np.zeros(gyro.t_s.size, dtype=bool), used)
-    tell("repeated samples", 0.0)
     repeated, stream = bridge_repeats(stream, settings.sample_event)
-    tell("number format", 0.02)
     formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma)
-    noisy = NoisyPart(stream)
-    if stream.sigma > 0:
-        noisy = _examine_noise(stream, formats, settings, tell)
-    found = [repeated, formats.describe(), *noisy.findings]
+    sigma, found, factor, hidden = stream.sigma, [repeated, formats.describe()], np.ones(3), np.zeros(3, dtype=bool)
+    lines: tuple[Line, ...] = ()
+    if sigma > 0:
+        stream, noisy, lines, factor, hidden = _examine_noise(stream, formats, settings)
+        found += noisy
     return SampleReport(
         tests=tuple(test for one in found for test in one.tests),
         symptoms=tuple(symptom for one in found for symptom in one.symptoms),
-        rates=noisy.stream.rates,
-        density=noisy.stream.density,
-        filled=noisy.stream.filled,
-        noise_factor=np.array(noisy.factor),
-        noise=stream.sigma * np.array(noisy.factor),
-        smooth=remove_noise(noisy.stream.rates, recording, scale_progress(tell, 0.8, 1)),
-        hidden=np.array(noisy.hidden),
-        lattice=formats.steps > HIDING * stream.sigma,
-        lines=noisy.lines,
+        rates=stream.rates,
+        density=stream.density,
+        filled=stream.filled,
+        noise_factor=factor,
+        noise=sigma * factor,
+        smooth=remove_noise(stream.rates, recording),
+        hidden=hidden,
+        lattice=formats.steps > HIDING * sigma,
+        lines=lines,
     )
 
 
-@dataclass(frozen=True)
-class NoisyPart:
-    """What the noise of the samples lets one see."""
+def _examine_noise(
+    stream: Stream, formats: NumberFormats, settings: DiagnosisSettings
+) -> tuple[Stream, list[Findings], tuple[Line, ...], Array, Mask]:
+    """Look for all that shows in the noise of the samples or behind it.
 
-    stream: Stream  # repaired
-    findings: tuple[Findings, ...] = ()  # tests and departures
-    lines: tuple[Line, ...] = ()  # of the spectrum
-    factor: tuple[float, ...] = (1.0, 1.0, 1.0)  # (3,) actual over stated noise of a sample
-    hidden: tuple[bool, ...] = (False, False, False)  # (3,) whether a coarse lattice hides the gyro's slow motion for long
-
-
-def _examine_noise(stream: Stream, formats: NumberFormats, settings: DiagnosisSettings, tell: Tell) -> NoisyPart:
-    """Look for all that shows in the noise of the samples or behind it."""
+    Returns the repaired stream, findings, lines, the (3,) actual over stated noise of a sample, and which gyros (3,) have a
+    coarse lattice that hides their slow motion for long.
+    """
     sigma, coarse, event_p = stream.sigma, formats.coarse, settings.sample_event
-    tell("zeros", 0.03)
     zeros, near_zeros = find_zeros(stream, formats)
     at_zero = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
     held = find_own_repeats(stream, formats, at_zero, event_p)
-    tell("noise here and there", 0.045)
     local = estimate_local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
     # Of readings beside zeros, some were made zeros: the jumps there are neither noise nor motion.
     stream = replace(stream, used=stream.used & ~near_zeros)
-    still = stream.used & find_quiet_samples(stream.rates, local, scale_progress(tell, 0.2, 0.25))
+    still = stream.used & find_quiet_samples(stream.rates, local)
     steps = np.where(coarse, formats.steps, 0.0)
-    outliers, stream = find_outliers(stream, still, local, steps, event_p, scale_progress(tell, 0.25, 0.3))
-    lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line, scale_progress(tell, 0.3, 0.65))
-    noise = measure_noise(stream, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
+    outliers, stream = find_outliers(stream, still, local, steps, event_p)
+    lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line)
+    levels, factor, more = measure_noise(stream, formats, lines, event_p)
     dependence, p_values = find_noise_dependence(*_choose_noise(stream, formats, lines), event_p)
-    levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
-    stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
-    found = held, outliers, tests, levels, dependence, zeros
-    return NoisyPart(stream, found, lines, tuple(noise.factor.tolist()), tuple(hidden.tolist()))
+    levels = replace(levels, symptoms=lower_likeness(levels.symptoms, p_values))
+    stream, hidden = undo_lattices(replace(stream, density=stream.density * more), formats)
+    return stream, [held, outliers, tests, levels, dependence, zeros], lines, factor, hidden
 
 
 def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:

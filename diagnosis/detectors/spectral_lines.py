@@ -4,25 +4,38 @@ Quiet arcs show lines of any frequency. Arcs in which the body moves show those 
 
 A line is a vibration only if the body does not move so, which the samples cannot tell. It is a finding with its frequency and
 amplitude, and its waveform is kept, so that the noise can be estimated without it.
+
+A sinusoid is fitted beside the motion of the body. A local polynomial follows the motion that is slow beside the sinusoid. What
+it leaves of the readings is fitted to what it leaves of waves. Each arc has its own phase.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
 import scipy.ndimage
-from numpy.typing import NDArray
+import scipy.special
 
-from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Stream, Tell, ignore_progress
-from diagnosis.detectors.sinusoids_in_arcs import fit_line
-from diagnosis.sinusoids.spectrum import Arcs, compute_log_p, compute_segment_spectrum
+from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream
+from diagnosis.sinusoids import (
+    Arcs,
+    Piece,
+    SinusoidFit,
+    compute_log_p,
+    compute_power,
+    compute_segment_spectrum,
+    convolve,
+    find_frequency,
+    fit_sinusoid,
+    make_waves,
+    remove_line,
+)
 from gyrocal.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEWEST_CYCLES = 4.0  # of a line in a segment; fewer are a trend
 P_OF_PEAK = 0.01  # p-value of a peak below which a sinusoid is fitted; the fit decides, with all of its power
@@ -40,6 +53,16 @@ HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
 LOBE = 4  # bins on either side of a line, over which its peak spreads
 FEWEST_BINS = 20  # of a spectrum in which a line is looked for
+
+# lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
+SMOOTHING_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)
+DEGREE = 6  # of the polynomial
+SUDDEN = 6.0  # robust sigmas beyond which a sample does not count: what jolts leave
+FREQUENCIES_PER_SAMPLE = 2.0  # independent frequencies of a fit; oversampling finds twice the Fourier frequencies
+CLEAR = 5.0  # sigmas of the amplitude below which there is no line
+# resolutions of an arc from the sinusoid, at which the level of the noise is taken
+BESIDE = tuple(range(3, 11))
+NEARBY = 0.25  # share of the frequency within which that is
 
 
 @dataclass(frozen=True)
@@ -60,17 +83,10 @@ class Look:
     moving: bool
 
 
-def find_lines(
-    stream: Stream, quiet: Mask, lattice: Mask, line_p: float, tell: Tell = ignore_progress
-) -> tuple[tuple[Line, ...], Findings]:
-    """Find the lines of each axis: first in all samples that can be used, then in the quiet ones.
+def find_lines(stream: Stream, quiet: Mask, lattice: Mask, line_p: float) -> tuple[tuple[Line, ...], Findings]:
+    """Find the lines of each axis: first in all samples that can be used, then in the quiet ones (n,).
 
-    Parameters
-    ----------
-    stream : repaired readings
-    quiet : (n,) samples at rest
-    lattice : (3,) gyros whose readings lie on a coarse lattice
-    line_p : p-value below which a line is one
+    The readings of some gyros (3,) lie on a coarse lattice and have no line; the p-value of a line is below `line_p`.
     """
     rates, recording = stream.rates, stream.recording
     smooth = stream.used & ~find_jolts(rates, stream.used)
@@ -81,7 +97,7 @@ def find_lines(
         # Readings that stand still, as those of a gyro that is clipped or dead, have no noise beside which a line would stand.
         own = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(rates[slice(*arc), axis]) > 0]) for look in looks]
         seen = [look for look in own if look.arcs]
-        lines, test = _find_lines_of_axis(rates[:, axis], seen, recording, axis, bool(lattice[axis]), line_p, tell)
+        lines, test = _find_lines_of_axis(rates[:, axis], seen, recording, axis, bool(lattice[axis]), line_p)
         out += lines
         tests.append(test)
     return tuple(out), Findings(tuple(tests))
@@ -102,14 +118,13 @@ def find_jolts(rates: Array, used: Mask) -> Mask:
 
 
 def _find_lines_of_axis(
-    rates: Array, looks: list[Look], recording: Recording, axis: int, lattice: bool, line_p: float, tell: Tell
+    rates: Array, looks: list[Look], recording: Recording, axis: int, lattice: bool, line_p: float
 ) -> tuple[list[Line], SampleTest]:
     """Find the lines of an axis and its strongest peak; those of each look are counted apart: slow motions are many."""
     x, found, strongest = rates.copy(), list[tuple[Line, float]](), Peak()
     for look in looks:
         most = len(found) + MOST_LINES
         for number in range(MOST_PEAKS):
-            tell(f"lines of gyro {AXES[axis]}", (axis + number / MOST_PEAKS) / 3)
             peak = find_peak(x, look, recording.gyro.sample_s)
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
@@ -175,3 +190,81 @@ def _find_peak_in_segments(x: Array, look: Look, sample_s: float, length: int) -
         width = (LOBE if look.moving else 2) * float(spectrum.frequency_hz[1])
         return Peak(p, float(spectrum.frequency_hz[k]), amplitude, width)
     return Peak()
+
+
+def fit_line(x: Array, recording: Recording, axis: int, centre_hz: float, width_hz: float, arcs: Arcs) -> Line | None:
+    """Fit a sinusoid to the readings (n,) of a gyro, rad/s, near a peak of their spectrum; None where it is not clear."""
+    sample_s, t_s = recording.gyro.sample_s, recording.gyro.t_s
+    span_s = max(high - low for low, high in arcs) * sample_s
+    observe = partial(remove_motion, cycles=centre_hz * sample_s)
+    pieces = [Piece(t_s[low:high], observe(x[low:high]), observe) for low, high in arcs]
+    without_jolts = [replace(piece, data=np.where(_is_calm(piece.data), piece.data, 0.0)) for piece in pieces]
+    f = find_frequency(without_jolts, centre_hz, max(width_hz, 1.5 / span_s), sample_s)
+    first = fit_sinusoid(pieces, f, 0.0, steps=0)
+    calm = [_is_calm(residual) for residual in first.residuals]
+    pieces = [piece.select(rows) for piece, rows in zip(pieces, calm, strict=True)]
+    fit = fit_sinusoid(pieces, f, 0.2 / span_s, steps=2)  # the frequency is found to a twentieth of the resolution
+    size, sigma = fit.size
+    if not size > CLEAR * sigma:
+        return None
+    samples = sum(piece.data.size for piece in pieces)
+    level = _compute_level([piece.t_s[rows] for piece, rows in zip(pieces, calm, strict=True)], fit)
+    chance = scipy.special.chdtrc(2 * len(pieces), fit.chi2 / level)
+    p = float(np.clip(FREQUENCIES_PER_SAMPLE * samples * chance, IMPOSSIBLE, 1.0))
+    waveform = np.zeros(t_s.size)
+    for (low, high), amplitudes in zip(arcs, fit.amplitudes, strict=True):
+        waveform[low:high] = make_waves(fit.frequency_hz, t_s[low:high]) @ amplitudes
+    return Line(axis, fit.frequency_hz, size, sigma, p, waveform)
+
+
+def remove_motion(x: Array, cycles: float) -> Array:
+    """Remove from series (n,) or (n, k) the motion that is slow beside a sinusoid of so many cycles in a sample.
+
+    A slew that begins gently is quiet to the noise tests, but would pass for noise of the sinusoid's amplitude.
+    """
+    kernel, gain = _choose_smoothing(cycles, len(x))
+    if kernel is None:
+        return remove_line(x.T).T
+    count = kernel.size
+    ends = np.clip(np.arange(-(count // 2), len(x) + count // 2), 0, len(x) - 1)
+    smooth = convolve(x[ends].T, kernel)[..., count - 1 : ends.size].T
+    return np.asarray((x - smooth) / (1 - gain))
+
+
+@lru_cache(maxsize=64)
+def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
+    """Choose the weights of a local polynomial that leaves a sinusoid whole, and its gain; None where an arc is too short.
+
+    They are made of orthogonal polynomials, since windows may be long.
+    """
+
+    counts = np.unique(np.round(np.array(SMOOTHING_CYCLES) / cycles).astype(np.intp) // 2 * 2 + 1)
+    best, least = None, np.inf
+    for count in counts[(counts > DEGREE + 2) & (counts < size)]:
+        Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), DEGREE))[0]
+        kernel = Q @ Q[count // 2]
+        gain = float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(count) - count // 2)))
+        if abs(gain) < abs(least):
+            best, least = kernel, gain
+    return best, least
+
+
+def _is_calm(residual: Array) -> Mask:
+    """Samples in which nothing sudden is left of the motion."""
+    spread = float(np.median(np.abs(residual))) / 0.6745
+    return np.asarray(np.abs(residual) <= SUDDEN * spread)
+
+
+def _compute_level(times_s: Sequence[Array], fit: SinusoidFit) -> float:
+    """Noise around the sinusoid over that of all frequencies, at least one: a hump of the noise is no line.
+
+    The median of n powers of noise is ln 2, with the error 1/√n.
+    """
+    powers = [np.empty(0)]
+    for t_s, residual in zip(times_s, fit.residuals, strict=True):
+        span_s = max(float(np.ptp(t_s)), 1e-300)
+        apart = np.array([k for k in BESIDE if k < NEARBY * fit.frequency_hz * span_s]) / span_s
+        beside = np.concatenate([fit.frequency_hz - apart, fit.frequency_hz + apart])
+        powers.append(compute_power(t_s, residual[:, None], beside)[:, 0] / max(float(np.mean(residual**2)), 1e-300))
+    found = np.concatenate(powers)
+    return max(1.0, (float(np.median(found)) - 1 / np.sqrt(found.size)) / float(np.log(2))) if found.size else 1.0

@@ -6,7 +6,7 @@ kept only adds to it. The two tests share the rate of false alarms (`DiagnosisSe
 
 The draws take the columns X as given, while those of a recording come from readings with noise of their own. Two things could
 make its statistic another one. The observations y = (I − P) L⁻¹ ζ are the linear response to the noise up to a shift δ: second
-order in ζ (`diagnosis.model.relinearised_path`) and the motion inside a sample. It moves the score z = xᵀy/|x| of a column by
+order in ζ (`diagnosis.model.linearise`) and the motion inside a sample. It moves the score z = xᵀy/|x| of a column by
 |δ| at most, and the probability beyond z by a factor of up to about exp(z |δ|). Columns that follow the rates are x + e, with
 e the noise that smoothing has left; their score is N(0, 1) given e unless e goes with y, and its square then exceeds one on
 average. Whether either matters is seen where the noise is known, as the difference from the statistic of the linear response

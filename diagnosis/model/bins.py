@@ -1,4 +1,9 @@
-"""Rate errors that follow something, bin by bin, as columns: what the unlisted rivals are made of."""
+"""Rate errors that follow something, bin by bin, as columns: what the unlisted rivals are made of.
+
+Some errors follow the step or the bin in progress at a reference. An interval ends with a reference, behind its last step. The
+next step is of another interval, in which the body may turn about another axis, or rest: what is in progress at that reference
+is the last step of its own interval.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.recording_model import RecordingModel
-
-Array = NDArray[np.float64]
-
-AXES = "xyz"
 
 LONGEST = 8.0  # s, of a bin; the slews of most spacecraft take minutes
 MOST = 6000  # bins about, of a recording whose motion may be faster
-
-
-@dataclass(frozen=True)
-class Family:
-    """A kind of discrepancy."""
-
-    name: str  # what it is, in words
-    axis: str | None  # body axis it acts about; None for all
-    columns: list[Array]  # per option, (N, k) whitened columns of unit size
-    weights: Array | None = None  # prior share of each option; None for equal ones
 
 
 @dataclass(frozen=True)
@@ -40,15 +32,15 @@ class Bins:
     acceleration: Array  # (n, 3)
     since_s: Array  # since the interval's start
     dt: Array
-    interval: NDArray[np.intp]
-    ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
+    interval: Indices
+    ends: list[Indices]  # of each block: bins done at each reference
 
 
 def build_bins(model: RecordingModel, bin_s: float | None = None) -> Bins:
     """Bins of about `bin_s`, by default as short as a few thousand allow, that end at every reference."""
     bin_s = min(LONGEST, float(model.dt.sum()) / MOST) if bin_s is None else bin_s
-    first: list[NDArray[np.intp]] = []
-    ends: list[NDArray[np.intp]] = []
+    first: list[Indices] = []
+    ends: list[Indices] = []
     interval = []
     step = max(1, round(bin_s / float(np.median(model.dt))))
     count = 0
@@ -99,27 +91,42 @@ def normalise_columns(values: Array) -> Array:
     return values / np.where(size > 0, size, 1.0)
 
 
-def build_rate_families(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
-    """Build one family for each axis from rate errors (bins, k) that do not depend on the axis; none without options."""
-    return _build_families(name, options, lambda axis, values: observe_rate_errors(model, bins, axis, values))
+def observe_reference_errors(model: RecordingModel, axis: int, values: Array) -> Array:
+    """(N, k) whitened columns of errors of the references about one axis, (m, k)."""
+    error = np.zeros((len(values), 3, values.shape[1]))
+    error[:, axis] = values
+    return model.whiten(model.observe_reference_error(error))
 
 
-def build_reference_families(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Family]:
-    """Build one family for each axis from errors of the references (m, k) alike for all axes; none without options."""
-
-    def observe(axis: int, values: Array) -> Array:
-        error = np.zeros((len(values), 3, values.shape[1]))
-        error[:, axis] = values
-        return model.whiten(model.observe_reference_error(error))
-
-    return _build_families(name, options, observe)
-
-
-def _build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[Family]:
+def build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[CandidateColumns]:
+    """Build one family for each axis from errors (n, k) alike for all axes; none without options."""
     if not options:
         return
     widths = np.cumsum([0] + [option.shape[1] for option in options])
     together = normalise_columns(np.hstack(options))
     for axis in range(3):
         columns = observe(axis, together)
-        yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+        yield build_rival(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+
+
+def find_steps(model: RecordingModel, t_s: Array, interval: Indices) -> Indices:
+    """(k,) step in progress at each of some times (k,), s since the epoch, each within an interval (k,)."""
+    first, stop = np.array([(block.steps.start, block.steps.stop) for block in model.blocks], dtype=np.intp).T
+    return _find_in_progress(model.t_s, first, stop, t_s, interval)
+
+
+def find_reference_steps(model: RecordingModel) -> Indices:
+    """(m,) step in progress at each reference."""
+    return find_steps(model, model.references.t_s, model.interval_of_reference)
+
+
+def find_reference_bins(model: RecordingModel, bins: Bins) -> Indices:
+    """(m,) bin in progress at each reference."""
+    numbers = np.arange(len(model.blocks))
+    first, stop = (np.searchsorted(bins.interval, numbers, side) for side in ("left", "right"))
+    return _find_in_progress(bins.t_s, first, stop, model.references.t_s, model.interval_of_reference)
+
+
+def _find_in_progress(middle_s: Array, first: Indices, stop: Indices, t_s: Array, interval: Indices) -> Indices:
+    """The first with its middle behind a time, held among those of its interval."""
+    return np.asarray(np.clip(np.searchsorted(middle_s, t_s), first[interval], stop[interval] - 1))

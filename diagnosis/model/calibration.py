@@ -1,28 +1,52 @@
-"""The calibration with the named effects and the remainder in the model.
+"""Calibrations of a diagnosis: under M0, by Gauss–Newton on the linear model, and with the effects found in the model.
 
 A shape outside the library may take the place of a part of G: an error of the references that follows a direction in a body
 that swings is nearly one of the scale factors. Such a shape closes more of the misfit than the calibration without it, also on
 held-out data, while G is wrong by ten times its sigma. It shows in that the parts of the recording disagree. Each calibration
 is therefore made again without an eighth of every interval at a time (the jackknife: Efron and Tibshirani, An Introduction to
 the Bootstrap, 1993, chapter 11), and the shapes of the remainder are in the model only where they make these agree better.
+
+No linear model describes recordings whose rates and references do not fit each other at all. A diagnosis has the calibrator's
+own gate (`gyrocal.calibration.gate`) and asks it of the repaired stream: spikes have been taken out and the mask leaves out
+clipped samples, so that real faults of the gyro stay below it. A single reference that is far off between two that agree is a
+fault of the references and is left to the diagnosis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from diagnosis.arrays import LEAST_POSITIVE, Array, Indices, Mask
+from diagnosis.detectors.sample_report import SampleReport
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.folds import assign_folds
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
+from gyrocal.recording import Interval, Recording, find_reference_rows
 
-Array = NDArray[np.float64]
-
-LEAST_POSITIVE = 1e-300
 RIDGE = 1e-13  # of the information of columns of unit length, against rounding
+
+MOST_ITERATIONS = 10  # of Gauss and Newton at most; two or three are usual
+SETTLED = 1e-3  # sigmas of the last correction
+# stretches between two references that a calibration starts from, where whole intervals lead too far astray
+MOST_SHORT = 200
+FEWEST_SHORT = 6  # of them, for twelve parameters
+SETTLED_SHORT = 1e-6  # of G
+
+ELEMENTS = (*(f"G_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z")
+UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
+IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
+
+
+OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
 
 
 def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
@@ -91,3 +115,150 @@ def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float
     covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     change = covariance @ (columns.T @ y)
     return np.asarray(change[:12]), np.asarray(covariance)
+
+
+def calibrate_baseline(recording: Recording, report: SampleReport, reference_sigma: Array) -> tuple[RecordingModel, Array]:
+    """The model about its own calibration, and the (12,) sigma of that.
+
+    An `InputError` if rates and references do not fit each other, before the calibration or after it.
+    """
+    G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
+    sigma, short = PLAUSIBLE_RANGE, False
+    for _ in range(MOST_ITERATIONS):
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, sigma=reference_sigma)
+        if has_large_residuals(model):
+            better = None if short else _calibrate_short_pieces(recording, report, reference_sigma)
+            if better is not None:
+                (G, bias), short = better, True
+                continue
+            check_residuals(model, report.rates)
+        change, covariance = compute_correction(model)
+        sigma = np.sqrt(np.diag(covariance))
+        if np.abs(change / sigma).max() < SETTLED:
+            break
+        G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
+    return model, sigma
+
+
+def _calibrate_short_pieces(recording: Recording, report: SampleReport, reference_sigma: Array) -> tuple[Array, Array] | None:
+    """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
+
+    None where they are not plausible, as with rates in another unit, or where even those are too far off.
+    """
+    gaps = [
+        Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
+        for piece in recording.intervals
+        for number, (low, high) in enumerate(
+            pairwise(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, piece)])
+        )
+        if high - low > recording.gyro.sample_s
+    ]
+    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
+    if len(some) < FEWEST_SHORT or not report.rates.any():
+        return None
+    G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
+    for _ in range(MOST_ITERATIONS):
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
+        if has_large_residuals(model):
+            return None
+        change, _ = compute_correction(model)
+        G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
+        if np.abs(change[:9]).max() < SETTLED_SHORT:
+            break
+    moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
+    return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
+
+
+def compute_correction(model: RecordingModel, ranges: Array = PLAUSIBLE_RANGE) -> tuple[Array, Array]:
+    """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
+
+    A broad prior, ten plausible ranges (12,) wide, keeps what cannot be observed where it is.
+    """
+    Q = np.linalg.qr(model.starts)[0]
+    scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * ranges
+    observed = model.whiten(model.zeta)
+    observed = observed - Q @ (Q.T @ observed)
+    information = scaled.T @ scaled + 1e-2 * np.eye(12)
+    covariance = np.linalg.inv(information) * np.outer(ranges, ranges)
+    return np.asarray(np.linalg.solve(information, scaled.T @ observed) * ranges), np.asarray(covariance)
+
+
+def report_unobserved(model: RecordingModel) -> tuple[tuple[str, ...], str]:
+    """Elements of G and b that stay less certain than `UNSEEN` of the plausible range of the gyro's grade, and that grade."""
+    plausible = estimate_plausible_ranges(model.recording)
+    ranges = plausible.vector(np.arange(12) >= 9)
+    sigma = np.sqrt(np.diag(compute_correction(model, ranges)[1]))
+    return tuple(name for name, unseen in zip(ELEMENTS, sigma > UNSEEN * ranges, strict=True) if unseen), plausible.reason
+
+
+def describe_unobserved(model: RecordingModel) -> tuple[str, ...]:
+    """Sentence with the elements of G and b that are not observed; none if all are."""
+    names, reason = report_unobserved(model)
+    return (
+        (f"Not observed by these motions: {', '.join(names)} ({reason}); effects that act like them cannot be seen either",)
+        if names
+        else ()
+    )
+
+
+def check_residuals(model: RecordingModel, rates: Array) -> None:
+    """Refuse a recording whose residuals are too large to be linearised, with repaired raw rates (samples, 3), rad/s.
+
+    A `LargeResidualError` has the interval, the time and the reading that would fit.
+    """
+    error, kept = _find_large_residuals(model)
+    if error is None:
+        return
+    recording, gyro = model.recording, model.recording.gyro
+    number = np.flatnonzero(kept)[error.output]
+    name = recording.intervals[model.blocks[model.interval_of_reference[number]].interval].name
+    t_s = recording.attitudes.t_s[model.reference_rows[number]]
+    repaired = replace(recording, gyro=replace(gyro, rates=rates))
+    raise build_refusal(error, repaired, name, t_s, gyro.apriori_G, gyro.apriori_bias)
+
+
+def has_large_residuals(model: RecordingModel) -> bool:
+    """Whether `check_residuals` would refuse the recording, without the search for its reason, which takes seconds."""
+    return _find_large_residuals(model)[0] is not None
+
+
+def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
+    """The error of residuals that are too large, None if none is, and which references it counts."""
+    residuals = np.where(np.isfinite(model.off), model.off, np.inf)
+    kept = np.ones(len(residuals), dtype=bool)
+    if (np.linalg.norm(residuals, axis=1) <= LARGEST_RESIDUAL).all():
+        return None, kept
+    if np.isfinite(residuals).all():
+        residuals, kept = _drop_outliers(residuals, model.interval_of_reference)
+    try:
+        check(residuals)
+    except LargeResidualError as error:
+        return error, kept
+    return None, kept
+
+
+def _drop_outliers(residuals: Array, block: Indices) -> tuple[Array, Mask]:
+    """Residuals (k, 3) of the references that are no single outliers, from the first of those of their block, and which."""
+    kept = np.ones(len(residuals), dtype=bool)
+    based = residuals.copy()
+    for number in np.unique(block):
+        rows = np.flatnonzero(block == number)
+        turned = Rotation.from_rotvec(residuals[rows])
+        good = ~_find_isolated(turned)
+        kept[rows] = good
+        based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
+    if np.sum(~kept) > max(1, OUTLIERS * kept.size):
+        return residuals, np.ones(len(residuals), dtype=bool)
+    return based[kept], kept
+
+
+def _find_isolated(turned: Rotation) -> Mask:
+    """Which of the residuals of a block are far from both their neighbours, which agree; at an end, from the two nearest."""
+    count = len(turned)
+    if count < 4:
+        return np.zeros(count, dtype=bool)
+    before, after = np.arange(count) - 1, np.arange(count) + 1
+    before[0], after[-1] = 2, count - 3
+    own, left, right = turned, turned[before], turned[after]
+    far = [(own.inv() * other).magnitude() > LARGEST_RESIDUAL for other in (left, right)]
+    return np.asarray(far[0] & far[1] & ((left.inv() * right).magnitude() <= LARGEST_RESIDUAL))

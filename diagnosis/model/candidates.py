@@ -1,7 +1,18 @@
 """The linear model of a recording: every effect that could be named, and every unlisted rival, side by side.
 
-Each is a group of columns of its own (`diagnosis.model.groups`); here they get their places, their scales and their priors, and
-the recording's nuisance parameters are taken out of them.
+An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
+(`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
+`diagnosis.model.alternatives` and `diagnosis.model.processes`. All get their places, their scales and their priors, and the
+recording's nuisance parameters are taken out of them.
+
+The columns of an effect that is not linear in the rate are made at the rates that M0 shows. Those hold the effect itself: of
+raw = ω + s c(ω) they are about ω + s c(ω) − δ, with δ what G and b take of it, and c at them is off by s c'(ω) times that. A
+scale factor that grows by some percent up to the fastest turn is then told as smaller by about as much of itself. Beside it, G
+and b differ from those of M0 by δG and δb. With these and s by least squares, the true rate is
+
+    ω = ω_M0 + δG ω_raw + δb − s (G + δG) c(ω),
+
+whose last term is the effect's column. At the new ω all is estimated anew, until the columns stay.
 """
 
 from __future__ import annotations
@@ -11,31 +22,37 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.linalg
 
-from diagnosis.model.finer_processes import add_finer_process
+from diagnosis.arrays import AXES, LEAST_POSITIVE, Array
+from diagnosis.model import alternatives, processes
 from diagnosis.model.folds import RECORDING_SPLIT, build_folds
-from diagnosis.model.groups import CandidateColumns, list_alternative_groups, list_effect_groups
 from diagnosis.model.linear import (
     UNBOUNDED_SCALES,
     VISIBLE,
     Candidate,
+    CandidateColumns,
     ColumnStore,
     LinearModel,
     ParameterChoice,
+    Parameters,
     SelectedCandidate,
     Wanted,
+    build_rival,
     build_scales,
-    choose_scales,
+    find_scale_range,
 )
-from diagnosis.model.periods import add_finer_periods, scan_periods
-from diagnosis.model.recording_model import RecordingModel
-from diagnosis.model.steps import add_finer_times, add_step_times
-from diagnosis.model.true_rates import use_true_rates
+from diagnosis.model.periods import Found, add_finer_periods, make_columns, make_effect_columns, scan_periods
+from diagnosis.model.processes import add_finer_process
+from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
+from diagnosis.model.steps import StepTimes, add_finer_times, add_step_times, build_switched_columns, step_times
+from diagnosis.model.time_offset import fit_delays
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from simulator.effects.base import Effect
+from simulator.effects.base import Effect, Surroundings
 
-Array = NDArray[np.float64]
+ROUNDS = 6  # at most
+UNCHANGED = 0.03  # sigmas of all observations together, by which what the effect does still changes
+NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
 
 def build_linear_model(
@@ -46,13 +63,10 @@ def build_linear_model(
     scan: bool = True,
     tell: Callable[[int], None] = lambda count: None,
 ) -> LinearModel:
-    """The linear model of a recording.
+    """Build the linear model of a recording, linearised about its calibration under M0.
 
     Parameters
     ----------
-    model : the recording, linearised about its calibration under M0
-    effects : that may be named
-    settings : priors
     rivals : whether unlisted rivals compete
     scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
     tell : called with the number of candidates that are made, before each
@@ -93,14 +107,8 @@ def list_candidates(
 ) -> tuple[Candidate, ...]:
     """List the candidates of groups whose columns lie side by side, with their scales and priors.
 
-    Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
-
-    Parameters
-    ----------
-    groups : the candidates
-    projected : takes the nuisance parameters out of columns
-    settings : priors
-    visible : signal-to-noise ratios of interest
+    Each effect has the same prior, shared by its axes, and so has each rival. What could not be seen is left out, at
+    signal-to-noise ratios of a visible range. `projected` takes the nuisance parameters out of columns.
     """
     names = {group.effect for group in groups if group.listed}
     rivals = {group.effect for group in groups if not group.listed}
@@ -112,11 +120,11 @@ def list_candidates(
         stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = choose_scales(largest, group.limits, visible) if group.scales is None else group.scales
+        scales = build_scales(*find_scale_range(largest, group.limits, visible)) if group.scales is None else group.scales
         # What a size of a random process shows differs between its options, each of which has scales of its own.
-        windows = (
-            [_find_scale_range(norm, group.limits, visible) for norm in norms] if group.process and group.scales is None else []
-        )
+        windows = []
+        if group.process and group.scales is None:
+            windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
         if windows and scales.size:
             scales = build_scales(
                 min(low for low, high in windows if low < high), max(high for low, high in windows if low < high)
@@ -140,12 +148,6 @@ def list_candidates(
             )
         )  # fmt: skip
     return tuple(candidates)
-
-
-def _find_scale_range(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
-    """Range of the scales that an option can show; no range where nothing of it can be seen."""
-    largest = float(norms.max(initial=0.0))
-    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def assemble_linear_model(
@@ -186,3 +188,187 @@ def assemble_linear_model(
         refine=refine,
         moments=moments,
     )
+
+
+def list_effect_groups(
+    model: RecordingModel, effects: Sequence[Effect], found: Found | None, steps: StepTimes | None = None
+) -> Iterator[CandidateColumns]:
+    """The effects that have columns or a covariance and can be seen in this recording.
+
+    Steps are tried at the times of `step_times` unless others are given.
+    """
+    around = model.surroundings
+    for effect in effects:
+        if effect.missing(around) is not None:
+            continue
+        if effect.has_columns:
+            for axis in effect.axes or (None,):
+                if effect.scanned and found is not None:
+                    if found:
+                        yield build_scanned_group(model, effect, str(axis), found)
+                elif effect.switched:
+                    yield build_switched_group(model, effect, axis, around, steps)
+                else:
+                    yield build_plain_group(model, effect, axis, around)
+        elif effect.is_process:
+            yield from list_process_groups(model, effect, around)
+
+
+def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> CandidateColumns:
+    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
+    trials = effect.trials(around)
+    columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
+    parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+    if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
+        long = fit_delays(model, columns[0], effect.prior)
+        columns += [column for column, _ in long]
+        parameters += [{} for _ in long]
+        weights = [0.5, *(0.5 * weight for _, weight in long)] if long else weights
+    return build_group(effect, axis, columns, parameters, weights)
+
+
+def build_switched_group(
+    model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
+) -> CandidateColumns:
+    """An effect that is switched on at some time, with an option for each time that is tried."""
+    times, widths, weights, firsts = steps or step_times(model)
+    columns: list[Array] = []
+    parameters: list[Parameters] = []
+    shares: list[float] = []
+    for trial in effect.trials(around):
+        block = build_switched_columns(model, effect, axis, trial.parameters, firsts)
+        columns += [block[:, [k]] for k in range(times.size)]
+        parameters += [
+            {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
+            for time, width in zip(times, widths, strict=True)
+        ]
+        shares += (trial.weight * weights).tolist()
+    return build_group(effect, axis, columns, parameters, shares)
+
+
+def list_process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[CandidateColumns]:
+    """A random process about each axis."""
+    trials = effect.trials(around)
+    covariance, places = processes.list_process_places(model, effect)
+    columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
+    for trial in trials:
+        K = covariance(trial.parameters)  # one at a time: there may be two thousand times
+        for place, made in zip(places, columns.values(), strict=True):
+            made.append(processes.build_usual_columns(place, K))
+    for axis, made in columns.items():
+        group = build_group(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        yield replace(group, process=True)
+
+
+def build_group(
+    effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
+) -> CandidateColumns:
+    """An effect as a group, by its columns at each set of parameters."""
+    return CandidateColumns(
+        effect=effect.name,
+        axis=axis,
+        listed=True,
+        columns=columns,
+        parameters=parameters,
+        weights=np.array(weights),
+        limits=effect.prior,
+        unit=effect.unit,
+        positive=effect.sign == "positive",
+        weight=effect.weight,
+        read=effect.from_amplitudes,
+    )
+
+
+def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> CandidateColumns:
+    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    options = found[effect.on_references, AXES.index(axis)]
+    columns = make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [one.parameters for one in options]
+    group = build_group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
+    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
+    return replace(group, scanned=True, scales=build_scales(low, high))
+
+
+def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
+    """Build the candidates for effects outside the library: periodic, deterministic and random misfits of any amplitude."""
+    named = [effect.on_references for effect in effects if effect.scanned]
+    yield from alternatives.list_periodic_rivals(model, found, named)
+    yield from alternatives.list_deterministic_rivals(model)
+    between = build_interval_steps(model, effects)
+    for one in processes.list_process_alternatives(model):
+        bases = between.get(one.axis or "", [])
+        kept = [k for k, columns in enumerate(one.columns) if not _is_within(model.project_out_nuisance(columns), bases)]
+        if kept:
+            columns, parameters = [one.columns[k] for k in kept], [one.parameters[k] for k in kept]
+            yield build_rival(one.effect, one.axis, columns, True, parameters=parameters)
+
+
+def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
+    """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
+
+    Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
+    """
+    found: dict[str, list[Array]] = {axis: [] for axis in AXES}
+    if len(model.blocks) != 2:
+        return found
+    second = np.array([model.blocks[1].steps.start])
+    for effect in effects:
+        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.surroundings) is None:
+            for axis in AXES:
+                steps = [
+                    build_switched_columns(model, effect, axis, one.parameters, second)
+                    for one in effect.trials(model.surroundings)
+                ]
+                found[axis].append(scipy.linalg.orth(model.project_out_nuisance(np.hstack(steps))))
+    return found
+
+
+def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
+    """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
+    power = float(np.sum(columns**2))
+    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
+
+
+def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
+    """The linear model with the columns of a member's option at the true rates, where those differ enough.
+
+    Only effects with columns that are not switched on are changed.
+    """
+    entry, option = linear.candidate(member), linear.option(member)
+    if entry.process or effect.on_references or effect.switched or not effect.has_columns or effect.stage != "rate":
+        return linear
+    before = linear.X[:, option.columns]
+    high, W, X = effect.columns(model.stream, entry.axis, option.parameters), linear.W[:, option.columns], before
+    if high.shape[2] != option.count:  # with the rounding of a covariate
+        return linear
+    amplitudes = _fit_amplitudes(linear, member, X)
+    for _ in range(ROUNDS):
+        change = _change(model, W @ amplitudes)
+        G = model.G + change[:9].reshape(3, 3)
+        rates = model.rates + build_parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
+        high, last = effect.columns(replace(model.stream, rates=rates), entry.axis, option.parameters), X @ amplitudes
+        W = model.whiten(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
+        X = model.project_out_nuisance(W)
+        amplitudes = _fit_amplitudes(linear, member, X)
+        if np.linalg.norm(X @ amplitudes - last) < UNCHANGED:
+            break
+    if np.linalg.norm((X - before) @ amplitudes) < NONLINEAR:
+        return linear
+    options = list(entry.options)
+    options[member.option] = replace(option, start=linear.X.shape[1])
+    return linear.replace_options(member.candidate, options, W, X)
+
+
+def _fit_amplitudes(linear: LinearModel, member: SelectedCandidate, X: Array) -> Array:
+    """(k,) amplitudes of columns (N, k) under the prior at which the member is held."""
+    return np.asarray(np.linalg.solve(X.T @ X + np.eye(X.shape[1]) / linear.scale(member) ** 2, X.T @ linear.y))
+
+
+def _change(model: RecordingModel, explained: Array) -> Array:
+    """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
+    columns = np.hstack([model.calibration, model.starts])
+    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
+    left = model.whiten(model.zeta) - explained
+    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RANK)[0])[:12])

@@ -33,11 +33,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices, Mask
 from diagnosis.model.linear import Fold
-from diagnosis.model.recording_model import Block, RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-
-Array = NDArray[np.float64]
 
 PARTS = 8  # of an interval
 START = 0.02  # rad, prior sigma of a start attitude
@@ -48,20 +47,15 @@ FOLD_COLUMNS_PER_BATCH = 256  # columns; these stay in a processor's cache
 
 
 def build_folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
-    """Folds of a recording; those that would leave nothing to learn from are left out.
-
-    Parameters
-    ----------
-    model : the recording
-    W : (N, p) whitened columns
-    """
+    """Folds of a recording with whitened columns (N, p); those that would leave nothing to learn from are left out."""
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     owner = np.repeat(names[model.observation_block], 3)
     rows = np.repeat(assign_folds(model), 3)
     for number in np.unique(rows):
         out = rows == number
         if not out.all():
-            yield _build_recording_fold(model, W, out, owner)
+            found = condition_rows(model, W, out)
+            yield _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
 
 
 @dataclass(frozen=True)
@@ -77,9 +71,13 @@ class ConditionedRows:
     covariance: Array  # (s, s) C
 
 
-def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_]) -> ConditionedRows:
+def condition_rows(model: RecordingModel, W: Array, out: Mask) -> ConditionedRows:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    parts = [_build_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
+    parts = []
+    for block in model.blocks:
+        held = np.flatnonzero(out[block.rows])
+        Z = _build_hidden_basis(block.whitener, held)
+        parts.append(_Part(block.rows, Z, block.whitener[held] @ Z))
     B, D = _split_values(parts, build_shared_columns(model))
     train_y, error_y = _split_values(parts, model.whiten(model.zeta))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
@@ -108,11 +106,6 @@ class _Part:
     shown: Array
 
 
-def _build_part(block: Block, so: NDArray[np.intp]) -> _Part:
-    Z = _build_hidden_basis(block.whitener, so)
-    return _Part(block.rows, Z, block.whitener[so] @ Z)
-
-
 def _split_values(parts: list[_Part], values: Array) -> tuple[Array, Array]:
     """Whitened values (N,) or (N, k) without what training rows do not show, x̃, and of the rows held out L_s Z Zᵀx."""
     left, shown = np.array(values, order="F"), []
@@ -123,7 +116,7 @@ def _split_values(parts: list[_Part], values: Array) -> tuple[Array, Array]:
     return left, np.concatenate(shown)
 
 
-def _build_hidden_basis(L: Array, rows: NDArray[np.intp]) -> Array:
+def _build_hidden_basis(L: Array, rows: Indices) -> Array:
     """(n, s) orthonormal basis of the whitened values of which the other rows of a block show nothing."""
     if rows.size == len(L):
         return np.eye(len(L))
@@ -132,23 +125,8 @@ def _build_hidden_basis(L: Array, rows: NDArray[np.intp]) -> Array:
     return np.asarray(np.linalg.qr(_solve_lower(L, units))[0])
 
 
-def _build_recording_fold(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
-    """One part of a recording held out."""
-    found = condition_rows(model, W, out)
-    return _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
-
-
-def build_normal_fold(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
-    """One part of jointly normal observations held out.
-
-    Parameters
-    ----------
-    sigma : (N, N) covariance of all observations under M0
-    observed : (N,) observations
-    columns : (N, p) columns, in their unit
-    out : (N,) which are held out
-    owner : (N,) name of what each belongs to
-    """
+def build_normal_fold(sigma: Array, observed: Array, columns: Array, out: Mask, owner: NDArray[np.str_]) -> Fold:
+    """Hold some of jointly normal observations (N,) out, with columns (N, p) and the covariance `sigma` (N, N) under M0."""
     train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
     gain = _solve_lower(train, sigma[np.ix_(~out, out)])
     train_y, train_X = _solve_lower(train, observed[~out]), _solve_lower(train, columns[~out])
@@ -163,7 +141,7 @@ def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covari
     return Fold(train_y, train_X, _solve_lower(left, error_y), _solve_lower(left, error_X), owner, dof)
 
 
-def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
+def assign_folds(model: RecordingModel) -> Indices:
     """(r,) fold of each observation: which eighth of its interval, counted from another one in each interval.
 
     Intervals are ranked by length, so that two of one kind, such as two slews, do not hold the same part out together.
@@ -180,14 +158,6 @@ def build_shared_columns(model: RecordingModel) -> Array:
     """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b and lines."""
     scale = np.concatenate([np.full(model.starts.shape[1], START), BROAD * PLAUSIBLE_RANGE])
     return np.hstack([np.hstack([model.starts, model.calibration]) * scale, model.line_columns])
-
-
-def reverse_whitening(model: RecordingModel, columns: Array) -> Array:
-    """L times columns."""
-    out = np.empty_like(columns)
-    for block in model.blocks:
-        out[block.rows] = block.whitener @ columns[block.rows]
-    return out
 
 
 def _solve_lower(factor: Array, values: Array) -> Array:

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from diagnosis.arrays import Array, Indices, Mask
+
 Parameters = dict[str, float | str]
 
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and
@@ -96,7 +96,7 @@ class Candidate:
         return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
 
     @cached_property
-    def outside_window(self) -> NDArray[np.bool_]:
+    def outside_window(self) -> Mask:
         """(o, s) which of the scales an option cannot have."""
         low, high = np.array([option.window for option in self.options]).T
         return np.asarray((self.scales < low[:, None] * (1 - ROUNDING)) | (self.scales > high[:, None] * (1 + ROUNDING)))
@@ -106,6 +106,45 @@ class Candidate:
         """(o,) log prior share of each option; one with fewer scales has more of it at each, as the average is over all."""
         own = np.array([option.log_weight for option in self.options])
         return own - np.log1p(-np.mean(self.outside_window, axis=1))
+
+
+@dataclass(frozen=True)
+class CandidateColumns:
+    """A candidate before its place in the model is known."""
+
+    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned: as in
+    # `Candidate`
+    effect: str
+    axis: str | None
+    listed: bool
+    columns: Sequence[Array]  # per option (N, k) whitened columns
+    parameters: Sequence[Parameters]  # per option
+    weights: Array  # (o,) prior share of each option
+    limits: tuple[float, float]  # plausible range of the size
+    unit: str
+    process: bool = False
+    positive: bool = False
+    weight: float = 1.0  # prior of its effect beside that of the others
+    log_odds: float = 0.0
+    read: Callable[[Array], tuple[float, Parameters]] = read_first_amplitude
+    size_sigma: Callable[[float], float] = add_no_sigma
+    shifted: bool = False
+    scales: Array | None = None  # as in `Candidate`; by default those within the limits that the columns can show
+    scanned: bool = False
+
+
+def build_rival(
+    name: str,
+    axis: str | None,
+    columns: Sequence[Array],
+    process: bool = False,
+    weights: Array | None = None,
+    parameters: Sequence[Parameters] | None = None,
+) -> CandidateColumns:
+    """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
+    count = len(columns)
+    shares = np.full(count, 1 / count) if weights is None else weights
+    return CandidateColumns(name, axis, False, columns, parameters or [{}] * count, shares, (0.0, np.inf), "", process)
 
 
 @dataclass(frozen=True)
@@ -275,23 +314,14 @@ class LinearModel:
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
 
-def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE) -> Array:
-    """Scales to average over: those that the data can show and that are physically plausible, evenly spaced in log.
+def find_scale_range(
+    largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE
+) -> tuple[float, float]:
+    """Range of the scales that the data can show and that are physically plausible; no range where there are none.
 
-    Parameters
-    ----------
-    largest : largest ‖X‖ of any option per unit amplitude
-    limits : plausible range of the size
-    visible : range of signal-to-noise ratios
-
-    Returns
-    -------
-    (s,) empty where nothing plausible could be seen
+    `largest` is the largest ‖X‖ per unit amplitude.
     """
-    if not largest > 0:
-        return np.empty(0)
-    low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
-    return build_scales(low, high)
+    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def refine_scales(scales: Array, held: int) -> Array:

@@ -5,6 +5,19 @@ one or more samples with their mean rate, of which there are at most `MOST_STEPS
 references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
 averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance with any later
 observation is Σ_i W_i/n.
+
+Where the propagated attitude is too far from the references, the recording is linearised along another path. With A the true
+and A_prop the propagated attitude, Aᵀ = E A_propᵀ, and E = exp([ζ×]) obeys Ė Eᵀ = [(Aᵀ δω)×] exactly, δω being the error of the
+calibrated rates. The integral of Aᵀ δω, which is linear in δω once the path is known, therefore is the sum of the small turns
+of E,
+
+    z_k = Σ_{j<k} log(S_{j+1} S_jᵀ) + log(E_k S_kᵀ),
+
+with S_j a path near E. First order in ζ gives ζ itself, which misses half the square of it: 0.9 deg for 10 deg. The sum misses
+half the square of what a reference is off the path S. That is a moving average of ζ over as many references as bring their
+noise to a small part of ζ, since noise in S adds up as ½ Σ ε_j × ε_{j+1}.
+
+Source of the kinematics: Natanson (1998), (14) to (16); the sum is the integral of the left Jacobian of SO(3) times ζ̇.
 """
 
 from __future__ import annotations
@@ -14,21 +27,22 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
+from diagnosis.arrays import Array, Indices
 from diagnosis.model.recording_model import Block, RecordingModel
-from diagnosis.model.relinearised_path import find_relinearised_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, prepare_measurements
 from gyrocal.recording import Interval, Recording, find_reference_rows
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
 MOST_STEPS = 60_000  # steps on which columns are made
 MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
 FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
+
+SMALL = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
+NOISE = 0.05  # of the largest ζ, that the noise of the path may be
+WIDEST = 0.2  # of the references of an interval in an average
 
 
 def linearise_recording(
@@ -86,7 +100,8 @@ def linearise_recording(
         off = -np.einsum("mij,mj->mi", at, theta)
         path, zeta = find_relinearised_path(off, sigmas[references]), off
         if path is not None:
-            zeta, at, middle = path.errors, path.turn_attitudes(at), path.interpolate_turns(ends) @ middle
+            zeta, turns = path
+            at, middle = Rotation.from_rotvec(turns).as_matrix() @ at, interpolate_turns(turns, ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -113,24 +128,10 @@ def linearise_recording(
     t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
         np.concatenate(values) for values in zip(*made, strict=True)
     )
-    rates = raw @ G.T + bias
     return RecordingModel(
-        recording,
-        G,
-        bias,
-        t_s,
-        dt,
-        raw,
-        rates,
-        to_inertial,
-        at_reference,
-        tuple(blocks),
-        observations,
-        residuals,
-        off,
-        errors,
-        walks,
-    )
+        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals,
+        off, errors, walks,
+    )  # fmt: skip
 
 
 def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
@@ -181,3 +182,28 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> A
     V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
     V[np.arange(count), np.arange(count)] = own
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
+
+
+def find_relinearised_path(zeta: Array, sigma: Array) -> tuple[Array, Array] | None:
+    """Integrated errors (m, 3) of an interval along another path S, and the rotation vectors (m, 3) of S; inertial axes, rad.
+
+    The errors of the propagation are `zeta`, the sigmas of the references `sigma`, (m, 3) each. None where first order is
+    enough.
+    """
+    largest = float(np.linalg.norm(zeta, axis=1).max())
+    if 0.5 * largest**2 < SMALL * float(sigma.min()):
+        return None
+    wanted = (float(sigma.max()) / (NOISE * largest)) ** 2
+    count = int(np.clip(np.ceil(wanted), 1, max(1, WIDEST * len(zeta))))
+    smooth = scipy.ndimage.uniform_filter1d(zeta, count, axis=0, mode="nearest")
+    S, E = Rotation.from_rotvec(smooth), Rotation.from_rotvec(zeta)
+    run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
+    # S begins at the average of the first references, not at the first, so that its own turn comes first.
+    errors = smooth[0] + np.concatenate([np.zeros((1, 3)), run]) + (E * S.inv()).as_rotvec()
+    return errors, smooth
+
+
+def interpolate_turns(turns: Array, ends: Indices) -> Array:
+    """(n, 3, 3) S in the middle of each step, of its rotation vectors (m, 3) after `ends` steps, of which the last has all."""
+    middle = np.arange(ends[-1]) + 0.5
+    return np.asarray(Rotation.from_rotvec(np.column_stack([np.interp(middle, ends, one) for one in turns.T])).as_matrix())

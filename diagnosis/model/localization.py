@@ -15,9 +15,8 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding, format_span
+from diagnosis.arrays import Array, Indices
 from diagnosis.model.recording_model import RecordingModel
-
-Array = NDArray[np.float64]
 
 PHASES = ("start", "slew", "hold", "end")
 
@@ -27,7 +26,7 @@ MOST = 6  # findings
 SIGNIFICANT = 0.01  # p-value of a finding, with an allowance for the number of blocks
 
 
-def label_phases(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
+def label_phases(t_s: Array, interval: Indices) -> NDArray[np.str_]:
     """Label the phase of references (m,) at some times, s, of intervals that follow one another."""
     parts = [t_s[interval == number] for number in np.unique(interval)]
     spacing = np.median(np.concatenate([np.diff(np.unique(t)) for t in parts]))
@@ -44,13 +43,7 @@ def label_phases(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
 
 
 def compute_body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Array]:
-    """Compute residuals in body axes with the sign of N (16), and their sigma under M0, both (m, 3) rad.
-
-    Parameters
-    ----------
-    model : the linear model
-    y : (N,) whitened, projected residuals
-    """
+    """Compute residuals in body axes with the sign of N (16), and their sigma under M0, from whitened ones (N,): (m, 3) rad."""
     residual, variance = np.empty((2, len(model.observation_attitude), 3))
     for number, block in enumerate(model.blocks):
         mine = model.observation_block == number

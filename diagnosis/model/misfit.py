@@ -11,6 +11,13 @@ starts from the interval's first reference,
 are N(0, I) and independent (Kailath, IEEE Transactions on Automatic Control 13, 1968); those of the columns of G and b are
 projected out of them. G turns the readings' errors into those of the rates and has an inverse, so that the columns may be
 those of either. The tests are those of `diagnosis.inference.criticism`.
+
+The tests ask whether innovations follow the rate and its changes. A rate that is read holds the gyro's noise, and so do the
+innovations of the references behind it, the more often the more references there are: of a body at rest, where there is little
+else in a rate, each would follow the other by themselves. An innovation is independent of all noise that comes after it. The
+rate at a reference therefore is the mean of the readings that follow it, of as many as bring their noise to `QUIET` of the
+scatter of the rates. An error of timing follows the change of the rate since the reference before; where the noise of a
+reading is `HEARD` by that many innovations, the change until the reference that comes next stands for it.
 """
 
 from __future__ import annotations
@@ -18,19 +25,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.inference.criticism import FEWEST, Check, Innovations, check_innovations
-from diagnosis.model.layout import tabulate_references
-from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
+from diagnosis.arrays import LEAST_POSITIVE, Array, Indices, Mask
+from diagnosis.inference.criticism import FEWEST, Check, Innovations, Layout, check_innovations
+from diagnosis.model.bins import find_steps
+from diagnosis.model.recording_model import RecordingModel, build_basis, build_parameter_errors
 from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower
 from simulator.effects.base import Effect, Value
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TEXTS = {  # of each test, with its value and the expected one
     "size": "have a χ² of {value:.4g} for {expected:.4g} degrees of freedom",
@@ -39,19 +43,18 @@ TEXTS = {  # of each test, with its value and the expected one
     "scatter over intervals and rates": "scatter differently over intervals or rates: χ² {value:.4g} for {expected:.4g}",
     "shape": "have a kurtosis of {value:.3g}, where normal ones have {expected:.3g}",
 }
-LEAST_POSITIVE = 1e-300
 
 
-def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
-    """Test M0's innovations of all references; no tests where there are too few.
+QUIET = 0.25  # of the scatter of the rates, that their noise may have
+# of the variance of the rates, from which on noise of readings times the number of innovations is too much
+HEARD = 0.1
+OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
 
-    Parameters
-    ----------
-    model : of the recording, about its calibration under M0
-    beside : (m, 3, k) attitude errors that are estimated with G and b, such as those of an identified effect
-    """
+
+def check_baseline(model: RecordingModel) -> tuple[Check, ...]:
+    """Test M0's innovations of all references, beside the lines in the readings; no tests where there are too few."""
     lines = [] if model.lines is None else [model.compute_attitude_turns(model.lines)]
-    e, later, taken = compute_innovations(model, [*beside, *lines])
+    e, later, taken = compute_innovations(model, lines)
     found = Innovations(e, taken.reshape(*e.shape, -1))
     if found.dof < FEWEST:
         return ()
@@ -79,34 +82,16 @@ def compute_attitude_errors(model: RecordingModel, effect: Effect, axis: str | N
 
 def compute_innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """Compute white innovations about the body axes (k, 3), their references (m,), and a basis (3k, q) of what the fit took."""
-    left, later, U = project_innovations(model, model.residuals[:, :, None], beside)
-    return left.reshape(-1, 3), later, U
-
-
-def project_innovations(model: RecordingModel, errors: Array, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
-    """Compute the same of any attitude errors at every reference, inertial axes: (m, 3, c) → (3k, c)."""
-    count = errors.shape[2]
-    white, later = whiten_errors(
-        model, np.concatenate([errors, model.compute_attitude_turns(build_parameter_errors(model.raw)), *beside], axis=2)
-    )
-    y, U = white[:, :count], build_basis(white[:, count:])
-    return np.asarray(y - U @ (U.T @ y)), later, U
-
-
-def whiten_errors(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
-    """Turn attitude errors (m, 3, c) in inertial axes into innovations (3k, c) about the body axes, of the references (m,)."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
+    of_parameters = model.compute_attitude_turns(build_parameter_errors(model.raw))
+    columns = np.concatenate([model.residuals[:, :, None], of_parameters, *beside], axis=2)
     white = _whiten_innovations(columns, added, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
-    return body.reshape(3 * len(body), -1), ~first
-
-
-def build_basis(columns: Array) -> Array:
-    """Build an orthonormal basis of columns (n, c), without directions that add nothing to the others."""
-    U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE), full_matrices=False)
-    return np.asarray(U[:, s > RANK * s[0]])
+    body = body.reshape(3 * len(body), -1)
+    y, U = body[:, :1], build_basis(body[:, 1:])
+    return (y - U @ (U.T @ y)).reshape(-1, 3), ~first, U
 
 
 @compile_cached
@@ -130,3 +115,54 @@ def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:
                 for j in range(3):
                     P[i, j] -= half[a, i] * half[a, j]
     return out
+
+
+def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
+    """Tabulate what the innovations of some references (m,) may follow."""
+    t_s, block = model.recording.attitudes.t_s[model.reference_rows], model.interval_of_reference
+    rates, change = measure_motion(model, model.reference_rows, block)
+    place = find_steps(model, t_s, block)
+    housekeeping = [values[place] for values in model.stream.housekeeping.values()]
+    mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
+    regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
+    axes, speed = model.at_reference.transpose(0, 2, 1), np.linalg.norm(rates, axis=1)
+    return Layout(axes[kept], block[kept], regressors[kept], speed[kept])
+
+
+def measure_motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
+    """Measure the rate about each axis at references (r,), and its change, without the noise of their innovations.
+
+    References are rows of the recording, in the order of time within each block. The change (r, 3), rad/s, is that since the
+    reference before, or where that would hold their noise until the next; 0 without one.
+    """
+    gyro, t_s = model.recording.gyro, model.recording.attitudes.t_s[references]
+    first, stop = np.array([(one.steps.start, one.steps.stop - 1) for one in model.blocks])[block].T
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
+    noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), LEAST_POSITIVE)
+    first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
+    most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
+    count = np.clip(np.ceil(noise / QUIET**2).astype(np.intp), 1, most[:, None])
+    at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
+    total = _accumulate_readings(model)
+    rates = _average_readings(total, at, np.minimum(at + count, stop[:, None]), smooth)
+    before = _average_readings(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
+    starts = np.diff(block, prepend=-1) != 0
+    since, until = np.zeros_like(rates), np.zeros_like(rates)
+    since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
+    since[starts] = until[np.append(starts[1:], True)] = 0.0
+    return rates, np.where(noise * references.size < HEARD, since, until)
+
+
+def _accumulate_readings(model: RecordingModel) -> Array:
+    """(samples + 1, 3) of the calibrated readings up to each sample; single odd ones are replaced by the smooth rate."""
+    gyro = model.recording.gyro
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
+    readings = gyro.rates @ model.G.T + model.bias
+    odd = np.abs(readings - smooth) > OUTLIER * gyro.arw / np.sqrt(gyro.sample_s)
+    return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
+
+
+def _average_readings(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
+    """(r, 3) means of the readings from `low` to before `high`, (r, 3) each, of running sums; of none, something else."""
+    low, high, axes = np.broadcast_arrays(low, high, np.arange(3))
+    return np.where(high > low, (total[high, axes] - total[low, axes]) / np.maximum(high - low, 1), otherwise)

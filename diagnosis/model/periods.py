@@ -3,7 +3,7 @@
 A period is known to the time T between the first and the last reference, gaps included: frequencies 1/(4T) apart lose at most
 1 − sinc²(1/8) = 5 % of the χ² of a sinusoid between two of them. That may be a hundred thousand frequencies where the intervals
 lie weeks apart, so the waves themselves are made at a few frequencies per interval's length only, and
-`diagnosis.sinusoids.coherence` gives the evidence of those in between.
+`diagnosis.sinusoids` gives the evidence of those in between.
 
 Where such a frequency is kept, the best of a grid `FINER` times finer takes its place, with its share of the prior, so that one
 of several aliases, periods that differ by the gaps between intervals, is not preferred for being nearer to the grid.
@@ -19,17 +19,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
-from diagnosis.sinusoids.fit import make_waves
+from diagnosis.sinusoids import IntervalProducts, find_tops, make_waves
 from simulator.effects.base import AXIS_NAMES, Effect, Value
 from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 STEP = 0.25  # between frequencies that are tried, in units of 1/T
 MADE = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
@@ -118,10 +114,11 @@ def scan_periods(model: RecordingModel) -> Found:
 
 def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_references: bool) -> IntervalProducts:
     """Compute the products of the waves of an error of the rates or the references about one body axis."""
-    columns, grams = (
-        (model.reference_columns, model.reference_grams) if on_references else (model.cell_columns, model.cell_grams)
-    )
-    t, length, interval = get_times(model, on_references)
+    columns = (model.reference_columns if on_references else model.cell_columns)[axis]
+    gram = columns.T @ model.project_out_nuisance(columns)
+    t, length, interval = model.cells.t_s, model.cells.duration_s, model.cells.interval
+    if on_references:
+        t, length, interval = model.observation_t_s, np.zeros(model.observation_t_s.size), model.observation_block
     Q = compute_common_nuisance(model)
     count = len(model.blocks)
     zg = np.empty((at.made.size, count, 1 + Q.shape[1]), dtype=complex)
@@ -131,22 +128,14 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
     for number, block in enumerate(model.blocks):
         own = np.flatnonzero(interval == number)
         middle[number] = 0.5 * (t[own[0]] + t[own[-1]])
-        C = columns[axis][block.rows][:, own]
+        C = columns[block.rows][:, own]
         a = np.exp(2j * np.pi * np.outer(t[own] - middle[number], at.made)) * np.sinc(np.outer(length[own], at.made))
         parts = np.column_stack([C.T @ model.y[block.rows], C.T @ Q[block.rows]]).T @ a  # (1 + q, j)
-        turned = (grams[axis][np.ix_(own, own)] @ a.view(float)).view(complex)
+        turned = (gram[np.ix_(own, own)] @ a.view(float)).view(complex)
         zg[:, number] = parts.T
         h += np.sum((a.conj() * turned).real, axis=0) + np.sum(np.abs(parts[1:]) ** 2, axis=0)
         s[:, number, 0] = np.sum(a * turned, axis=0) + np.sum(parts[1:] ** 2, axis=0)
     return IntervalProducts(middle, zg, h, s)
-
-
-def get_times(model: RecordingModel, on_references: bool) -> tuple[Array, Array, Indices]:
-    """Return times of the unit errors of a kind and how long each lasts, s, and the block of each."""
-    if on_references:
-        t_s = model.observation_t_s
-        return t_s, np.zeros_like(t_s), model.observation_block
-    return model.cells.t_s, model.cells.duration_s, model.cells.interval
 
 
 def compute_common_nuisance(model: RecordingModel) -> Array:

@@ -27,40 +27,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices
 from simulator.effects.common import markov
 
 if TYPE_CHECKING:
     from diagnosis.model.recording_model import RecordingModel
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 LEAST_TRACE = 1e-200
-ROOT_REGULARISATION = (
-    1e-12  # power added to each direction of unit errors, of that of all of them: rounding leaves some negative
-)
-
-
-@dataclass(frozen=True)
-class Decomposition:
-    """Directions of unit errors in which smooth processes are decomposed.
-
-    constants : time constants of Markov processes that stand for all, from the spacing of the times to the longest interval
-    share : of the power of a process, below which a direction is left out: the log evidence changes by less than 0.02 (tests)
-    """
-
-    constants: int = 6
-    share: float = 3e-4
-    parts: int = 3  # of a cell, at which a random process is taken
-    nodes: int = 4  # references of an observation at which a random process is taken
-    # Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
-    # leaves out of an error that changes over the observation is the square of it.
-    along: float = 0.02
-
-
-DECOMPOSITION = Decomposition()
+ROOT_REGULARISATION = 1e-12  # of the power of all directions of unit errors, added to each: rounding leaves some negative
+# Markov processes that stand for all, their time constants from the spacing of the times to the longest interval
+TIME_CONSTANTS = 6
+# of the power of a process, below which a direction is left out: the log evidence changes by less than 0.02 (tests)
+LEAST_SHARE = 3e-4
+PARTS = 3  # of a cell, at which a random process is taken
+NODES = 4  # references of an observation at which a random process is taken
+# Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
+# leaves out of an error that changes over the observation is the square of it.
+LEAST_LENGTH = 0.02
 
 
 @dataclass(frozen=True)
@@ -91,7 +76,7 @@ class ProcessProjection:
         spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)
         longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
         total, same = np.zeros(self.root.shape), np.equal.outer(interval, interval)
-        for tau in np.geomspace(spacing, max(longest, 2 * spacing), DECOMPOSITION.constants):
+        for tau in np.geomspace(spacing, max(longest, 2 * spacing), TIME_CONSTANTS):
             K = self.covariance(same * markov(t_s, tau))
             total += K / max(float(np.vdot(K, self.gram)), LEAST_TRACE)
         shown, turned = np.linalg.eigh(self.root.T @ total @ self.root)
@@ -121,7 +106,7 @@ class ProcessProjection:
 def split_cells(model: RecordingModel) -> tuple[Indices, Indices]:
     """First step of each part of the cells, (q,), and the first part of each cell among them (c,)."""
     cells = model.cells
-    counts = np.minimum(cells.last - cells.first, DECOMPOSITION.parts)
+    counts = np.minimum(cells.last - cells.first, PARTS)
     first = np.cumsum(np.append(0, counts[:-1]))
     number = np.arange(counts.sum()) - np.repeat(first, counts)
     steps = np.repeat(cells.last - cells.first, counts)
@@ -153,10 +138,7 @@ def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
     """
     counts = np.concatenate([block.counts for block in model.blocks])
     first = model.reference_rows_of_observations - counts // 2
-    chosen = [
-        a + np.linspace(0, n - 1, min(n, DECOMPOSITION.nodes)).round().astype(np.intp)
-        for a, n in zip(first, counts, strict=True)
-    ]
+    chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
     return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
 
 
@@ -186,17 +168,14 @@ def _project_nodes(model: RecordingModel, along: Array) -> ProcessProjection:
 def build_unit_errors(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_array]:
     """Unit errors of the observations, (3r, c), and those of errors at each node (c, q), see the module.
 
-    Parameters
-    ----------
-    along : (q, 3) direction of an error at each node
-    first : (r,) the first node of each observation
+    An error at a node has the direction `along` (q, 3); `first` (r,) is the first node of each observation.
     """
     counts = np.diff(np.append(first, len(along)))
     own = first[:, None] + np.arange(counts.max())
     there = own < (first + counts)[:, None]
     parts = np.where(there[:, :, None], along[np.minimum(own, len(along) - 1)], 0.0) / counts[:, None, None]
     U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
-    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > DECOMPOSITION.along)
+    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > LEAST_LENGTH)
     made = np.arange(block.size)
     errors = np.zeros((3 * first.size, block.size))
     errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]

@@ -7,24 +7,34 @@ process is a group like any other (`diagnosis.inference.evidence`).
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). Those without a name are Markov errors
 of the rates, of the references and of the time tags, of several time constants, a level of its own in each interval, processes
 that follow the rate, and references that are off by another angle in each interval.
+
+The first search gives a process the columns in which it usually shows, at the options of its group. Where it is likely it is
+tested again with finer time constants and with all that can be seen of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, select_nodes, split_cells
+from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.model.linear import (
+    Candidate,
+    CandidateColumns,
+    LinearModel,
+    ParameterChoice,
+    Parameters,
+    SelectedCandidate,
+    build_rival,
+    refine_scales,
+)
+from diagnosis.model.process_projection import LEAST_SHARE, ProcessProjection, select_nodes, split_cells
 from diagnosis.model.recording_model import RecordingModel
-from simulator.effects.base import ProcessTimes
+from simulator.effects.base import Effect, ProcessTimes, Value
 from simulator.effects.common import markov
-
-Array = NDArray[np.float64]
-
-AXES = "xyz"
 
 SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
 INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
@@ -41,16 +51,6 @@ TAGS_WANDER = "time tags wander"
 
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
 # process of slow variations shows in its weaker columns too.
-
-
-@dataclass(frozen=True)
-class Process:
-    """A random discrepancy about one axis."""
-
-    name: str  # what it does, in words
-    axis: str | None  # body axis
-    columns: list[Array]  # per option (N, r) whitened columns of unit amplitude, orthogonal once projected
-    time_constants_s: tuple[float, ...] = ()  # of each option, where they differ in it
 
 
 def compute_part_times(model: RecordingModel) -> ProcessTimes:
@@ -73,12 +73,7 @@ def compute_node_times(model: RecordingModel) -> ProcessTimes:
     return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
 
 
-def match_labels(labels: NDArray[np.intp]) -> Array:
-    """One where two belong together."""
-    return np.equal.outer(labels, labels).astype(float)
-
-
-def build_usual_columns(place: ProcessProjection, K: Array, share: float = DECOMPOSITION.share) -> Array:
+def build_usual_columns(place: ProcessProjection, K: Array, share: float = LEAST_SHARE) -> Array:
     """Compute the strongest columns (N, r) of a process of covariance K; see `build_all_columns`."""
     powers, columns = place.powers(K, share)
     kept = _select_powers(powers, SEEN * _find_largest_power(powers))[:MOST_COLUMNS]
@@ -108,12 +103,12 @@ def _find_largest_power(powers: Array) -> float:
     return float(powers.max(initial=0.0))
 
 
-def _select_powers(powers: Array, least: float) -> NDArray[np.intp]:
+def _select_powers(powers: Array, least: float) -> Indices:
     """Places of the powers beyond one and beyond rounding, the strongest first."""
     return np.flatnonzero(powers > max(least, ROUNDING * _find_largest_power(powers)))[::-1]
 
 
-def list_process_alternatives(model: RecordingModel) -> Iterator[Process]:
+def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumns]:
     """Random discrepancies that are on no list, about each axis; those of the time tags have none.
 
     Their time constants end at a sixth of the longest interval: what takes longer is a shape.
@@ -123,27 +118,75 @@ def list_process_alternatives(model: RecordingModel) -> Iterator[Process]:
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
     taus = (longest / 60, longest / 20, longest / 6)
-    separate, own = match_labels(at.interval), _build_indicators(at.interval)
+    separate, own = np.equal.outer(at.interval, at.interval).astype(float), _build_indicators(at.interval)
     slow, offsets = separate * markov(at.t_s, taus[-1]), np.deg2rad(1.0) * _build_indicators(nodes.interval)
-    same = match_labels(nodes.interval)
+    same = np.equal.outer(nodes.interval, nodes.interval).astype(float)
 
     def wander(place: ProcessProjection) -> list[Array]:
         return [build_usual_columns(place, same * markov(nodes.t_s, tau)) for tau in taus]
 
+    constants: list[Parameters] = [{"time_constant_s": tau} for tau in taus]
     for axis, name in enumerate(AXES):
         place, references = model.cell_places[axis], model.reference_places[axis]
         # One at a time: a covariance is tens of megabytes. What follows rates is as rough as they are.
-        yield Process(BIAS_WANDERS, name, [build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in taus], taus)
-        yield Process(REFERENCES_WANDER, name, wander(references), taus)
-        yield Process("bias differs between intervals", name, [build_course_columns(place, own)])
+        columns = [build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in taus]
+        yield build_rival(BIAS_WANDERS, name, columns, True, parameters=constants)
+        yield build_rival(REFERENCES_WANDER, name, wander(references), True, parameters=constants)
+        yield build_rival("bias differs between intervals", name, [build_course_columns(place, own)], True)
         gains = [build_course_columns(place, u[:, None] * own) for u in w.T]
-        yield Process("scale factor or misalignment differs between intervals", name, gains)
+        yield build_rival("scale factor or misalignment differs between intervals", name, gains, True)
         gains = [build_usual_columns(place, slow * np.outer(u, u), 0.0) for u in w.T]
-        yield Process("scale factor or misalignment wanders", name, gains)
-        yield Process("references offset differently in each interval", name, [build_course_columns(references, offsets)])
-    yield Process(TAGS_WANDER, None, wander(model.tag_place), taus)
+        yield build_rival("scale factor or misalignment wanders", name, gains, True)
+        columns = [build_course_columns(references, offsets)]
+        yield build_rival("references offset differently in each interval", name, columns, True)
+    yield build_rival(TAGS_WANDER, None, wander(model.tag_place), True, parameters=constants)
 
 
-def _build_indicators(interval: NDArray[np.intp]) -> Array:
+def _build_indicators(interval: Indices) -> Array:
     """(q, n) one in each of the intervals."""
     return np.equal.outer(interval, np.unique(interval)).astype(float)
+
+
+def list_process_places(
+    model: RecordingModel, effect: Effect
+) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[ProcessProjection, ...]]:
+    """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
+    times = compute_node_times(model) if effect.on_references else compute_part_times(model)
+    return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
+
+
+def add_finer_process(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
+    """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
+
+    Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
+    whose options differ in more than one number, or not in numbers, has no neighbours. Between the scale at which it is held
+    and its neighbours are further ones, too: what a variance that is off by half leaves of hundreds of amplitudes would be
+    another effect.
+    """
+    entry, held = linear.candidate(member), linear.option(member)
+    beside = _find_neighbour_options(entry, held)
+    weight = held.log_weight - float(np.log(1 + len(beside)))
+    wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
+    for number, neighbour in enumerate(beside, len(entry.options)):
+        ((name, low),), ((_, high),) = held.parameters.items(), entry.options[neighbour].parameters.items()
+        halfway: Parameters = {name: float(np.sqrt(float(low) * float(high)))}
+        wanted[number] = replace(held, log_weight=weight, parameters=halfway)
+    covariance, places = list_process_places(model, effect)
+    place = places[AXES.index(str(entry.axis))]
+    options, columns, start = dict(enumerate(entry.options)), [], linear.W.shape[1]
+    for number, one in wanted.items():
+        columns.append(build_all_columns(place, covariance(one.parameters), WHOLE / linear.scale(member) ** 2))
+        options[number] = replace(one, start=start, count=columns[-1].shape[1])
+        start += columns[-1].shape[1]
+    W, scales = np.hstack(columns), refine_scales(entry.scales, member.scale)
+    return linear.replace_options(member.candidate, list(options.values()), W, model.project_out_nuisance(W), scales)
+
+
+def _find_neighbour_options(entry: Candidate, held: ParameterChoice) -> list[int]:
+    """Options whose one parameter is next to that of an option, below and above it."""
+    if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
+        return []
+    (name,) = held.parameters
+    order = sorted(range(len(entry.options)), key=lambda one: float(entry.options[one].parameters[name]))
+    place = next(k for k, one in enumerate(order) if entry.options[one] is held)
+    return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]

@@ -12,7 +12,7 @@ the integral is a cumulative sum. One such sum gives the column of an effect for
 reading that is too high by r has δω = −G r. The first reference is an observation too (ζ = 0), and φ is a nuisance parameter.
 
 If ζ is large, the propagated attitude A differs from the true one and the first order is not enough.
-`diagnosis.model.relinearised_path` then takes A from the references and integrates the error along that path.
+`diagnosis.model.linearise` then takes A from the references and integrates the error along that path.
 
 The nuisance parameters of M0 (φ of every interval, G, b) are projected out. Under M0 the whitened observations y are N(0, I) in
 the complement of the nuisance columns; an effect adds its projected column. Tests, evidence, amplitudes and predictions need
@@ -30,17 +30,14 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 
+from diagnosis.arrays import Array, Indices
 from diagnosis.model import process_projection
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, find_flight_directions
 from simulator.effects.recording_view import interpolate_housekeeping
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
@@ -119,6 +116,12 @@ class RecordingModel:
         return np.concatenate([block.references for block in self.blocks])
 
     @cached_property
+    def reference_slices(self) -> tuple[slice, ...]:
+        """The references of each block among all."""
+        stops = np.cumsum([block.references.size for block in self.blocks]).tolist()
+        return tuple(slice(stop - block.references.size, stop) for stop, block in zip(stops, self.blocks, strict=True))
+
+    @cached_property
     def interval_of_reference(self) -> Indices:
         """(m,) index of the block of each reference."""
         return np.repeat(np.arange(len(self.blocks)), [block.references.size for block in self.blocks])
@@ -143,11 +146,8 @@ class RecordingModel:
     @cached_property
     def reference_rows_of_observations(self) -> Indices:
         """(r,) the middle one of the references of each observation, among those of `references`."""
-        out, start = [], 0
-        for block in self.blocks:
-            out.append(start + block.groups + block.counts // 2)
-            start += block.references.size
-        return np.concatenate(out)
+        parts = zip(self.blocks, self.reference_slices, strict=True)
+        return np.concatenate([own.start + block.groups + block.counts // 2 for block, own in parts])
 
     @cached_property
     def observation_attitude(self) -> Array:
@@ -192,19 +192,8 @@ class RecordingModel:
         axes = attitudes.build_error_axes()
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes, self.residuals)
 
-    # ---- columns ---------------------------------------------------------------------------------------------------------
-
     def reading(self, high: Array) -> Array:
-        """Observations, per unit, of a reading that is too high.
-
-        Parameters
-        ----------
-        high : (n, 3, k) what is added to the raw rates, rad/s
-
-        Returns
-        -------
-        (N, k), not yet whitened
-        """
+        """Observations (N, k), not yet whitened, of readings that are too high: (n, 3, k) is added to the raw rates, rad/s."""
         return self._observe_increments(self.readings_influence, high)
 
     def observe_rate_error(self, error: Array) -> Array:
@@ -226,12 +215,12 @@ class RecordingModel:
 
     def observe_reference_error(self, error: Array) -> Array:
         """Observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
-        turned = -np.matmul(self.at_reference, error)
-        parts, start = [], 0
-        for block in self.blocks:
-            parts.append(block.average_references(turned[start : start + block.references.size]))
-            start += block.references.size
-        return np.concatenate(parts).reshape(self.size, -1)
+        return self.average_references(-np.matmul(self.at_reference, error)).reshape(self.size, -1)
+
+    def average_references(self, values: Array) -> Array:
+        """Means over the references of each observation, (m, …) → (r, …)."""
+        parts = zip(self.blocks, self.reference_slices, strict=True)
+        return np.concatenate([block.average_references(values[own]) for block, own in parts])
 
     def compute_attitude_turns(self, high: Array) -> Array:
         """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
@@ -252,8 +241,6 @@ class RecordingModel:
         """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
         own = block.steps
         return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), block.ends))
-
-    # ---- whitening and projection ----------------------------------------------------------------------------------------
 
     def whiten(self, columns: Array) -> Array:
         """L⁻¹ of the columns, (N,) or (N, k), with the factor L of the covariance of each block."""
@@ -317,8 +304,6 @@ class RecordingModel:
         """Observations less the nuisance parameters."""
         return self.size - self.nuisance.shape[1]
 
-    # ---- cells -----------------------------------------------------------------------------------------------------------
-
     @cached_property
     def cells(self) -> Cells:
         """Cells that end at the first reference of every observation."""
@@ -357,16 +342,6 @@ class RecordingModel:
         return np.stack([self.whiten(part.reshape(self.size, -1)) for part in made])
 
     @cached_property
-    def cell_grams(self) -> Array:
-        """(3, c, c) products of the projected columns of the cells."""
-        return np.stack([part.T @ self.project_out_nuisance(part) for part in self.cell_columns])
-
-    @cached_property
-    def reference_grams(self) -> Array:
-        """(3, r, r) products of the projected columns of the references."""
-        return np.stack([part.T @ self.project_out_nuisance(part) for part in self.reference_columns])
-
-    @cached_property
     def reference_columns(self) -> Array:
         """(3, N, r) whitened observations of a unit error of the references of each observation about each body axis."""
         count = self.observation_t_s.size
@@ -377,8 +352,6 @@ class RecordingModel:
             errors[:, axis] = 1.0
             out[axis][rows, np.arange(count)[:, None]] = self.observe_reference_error(errors).reshape(count, 3)
         return np.stack([self.whiten(part) for part in out])
-
-    # ---- random processes ------------------------------------------------------------------------------------------------
 
     @cached_property
     def cell_places(self) -> tuple[process_projection.ProcessProjection, ...]:

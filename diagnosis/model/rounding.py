@@ -23,12 +23,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.model.folds import build_shared_columns
 from diagnosis.model.recording_model import RecordingModel
 
-Array = NDArray[np.float64]
 Kernel = tuple[Array, ...]  # of each interval the whitened covariance (n, n) of its observations, at a variance of 1 (rad/s)²
 
 TIMES = (0.05, 1.0)  # correlation times, in lengths of the median interval
@@ -39,13 +38,7 @@ ITERATIONS = 60  # of the optimisation, at most
 
 
 def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:
-    """Add to the noise of a model what rounding leaves.
-
-    Parameters
-    ----------
-    model : the recording under the stated noise
-    steps : (3,) rad/s, steps of the readings about each axis that are coarser than the noise, else 0
-    """
+    """Add to the noise of a model what rounding to steps (3,) leaves, rad/s; zero where they are finer than the noise."""
     axes = np.repeat(np.flatnonzero(steps > 0), len(TIMES))
     kernels = [one for axis in np.flatnonzero(steps > 0) for one in build_kernels(model, int(axis))]
     variances = estimate_variances(model, kernels, steps[axes] ** 2 / 3)

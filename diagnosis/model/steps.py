@@ -18,14 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array, Indices
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate, Wanted
 from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect, Value
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`
 
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
@@ -39,7 +37,7 @@ ROUNDING = 6  # decimals of a duration in s
 PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
-def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> StepTimes:
+def step_times(model: RecordingModel) -> StepTimes:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
@@ -56,7 +54,7 @@ def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> St
             widths.append((begin - end) / np.sqrt(12))
             weights.append(BETWEEN_INTERVALS / gaps)
             firsts.append(part.start)
-        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
+        count = int(np.clip(duration / LONGEST_STEP_GAP, 3, MOST_STEP_TIMES))
         inside = part.start + (np.arange(1, count + 1) / (count + 1) * (part.stop - part.start)).astype(int)
         times += t_s[inside].tolist()
         widths += [0.0] * count
@@ -123,9 +121,6 @@ def _add_times(
     return linear.replace_options(place, [*coarse, *finer], W, model.project_out_nuisance(W))
 
 
-# ---- looked for over the whole recording ---------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class StepPeak:
     """Time at which a step explains most of the residual of some members."""
@@ -163,19 +158,11 @@ class ResidualProducts:
 
 
 def add_step_times(
-    model: RecordingModel,
-    linear: LinearModel,
-    effects: Mapping[str, Effect],
-    wanted: Sequence[Wanted],
+    model: RecordingModel, linear: LinearModel, effects: Mapping[str, Effect], wanted: Sequence[Wanted]
 ) -> LinearModel:
     """The linear model with further times for the steps that explain most beside some members.
 
-    Parameters
-    ----------
-    model : what the columns are made from
-    linear : of it
-    effects : those that may be named
-    wanted : sets of members, and the log of the likelihood ratio that a step must have beside each
+    Each wanted set of members has the log of the likelihood ratio that a step must have beside it.
     """
     left = [ResidualProducts(linear, members) for members, _ in wanted]
     taken = [{member.candidate for member in members} for members, _ in wanted]

@@ -8,21 +8,20 @@ common search.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.answer import Cause, Finding
+from diagnosis.arrays import AXES
 from diagnosis.detectors.sample_report import SampleTest, Symptom
 from diagnosis.inference.attribution import compute_bayes_factor_bound
 from diagnosis.model.prepare import PreparedRecording
 from diagnosis.settings import DiagnosisSettings
-from gyrocal.recording import Recording
 from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recording_view import find_interval_slices
 
-AXES = "xyz"
 OF_NOISE = ("white_noise_level", "readout_noise")
 LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
 
@@ -99,37 +98,20 @@ class SampleCause:
 def list_sample_causes(
     prepared: PreparedRecording, effects: Sequence[Effect], settings: DiagnosisSettings
 ) -> tuple[SampleCause, ...]:
-    """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
-    symptoms = [
-        *drop_estimated_levels(prepared.samples.symptoms, prepared.model.recording),
-        *list_reference_symptoms(prepared),
-    ]
-    return assign_symptoms(symptoms, prepared.samples.tests, effects, _build_prepared_view(prepared), settings)
-
-
-def drop_estimated_levels(symptoms: Sequence[Symptom], recording: Recording) -> list[Symptom]:
-    """Leave out the noise level where the recording states none: an import's estimate departs from itself by its error."""
-    return [one for one in symptoms if not (one.kind == "white_noise_level" and recording.gyro.arw_estimated)]
-
-
-def assign_symptoms(
-    symptoms: Sequence[Symptom],
-    tests: Sequence[SampleTest],
-    effects: Sequence[Effect],
-    view: SampleView,
-    settings: DiagnosisSettings,
-) -> tuple[SampleCause, ...]:
-    """Symptoms with the effects that claim them, and what the effects' own tests find.
+    """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them.
 
     The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom
     with the probability which the own test leaves. Symptoms that chance or a motion makes with more than half of the
     probability are left out.
     """
+    of_samples, tests, view = prepared.samples.symptoms, prepared.samples.tests, _build_prepared_view(prepared)
+    if prepared.model.recording.gyro.arw_estimated:  # an import's estimate departs from itself by its error
+        of_samples = tuple(one for one in of_samples if one.kind != "white_noise_level")
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
     found = []
-    for one in symptoms:
+    for one in (*of_samples, *list_reference_symptoms(prepared)):
         effect = claims.get(one.kind)
         explained = [
             compute_posterior(other.symptom, settings).listed for other in own if effect is not None and other.effect == effect
@@ -138,7 +120,8 @@ def assign_symptoms(
             effect = None
         weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
         if _is_more_than_chance(weighed, settings):
-            found.append(SampleCause(weighed, effect, _build_finding(tests, one), _list_rivals(one, claims)))
+            rivals = tuple((claims[kind], share) for kind, share in one.rivals if kind in claims)
+            found.append(SampleCause(weighed, effect, _build_finding(tests, one), rivals))
     return (*found, *own)
 
 
@@ -154,35 +137,18 @@ def weigh_consequences(
     """Weigh symptoms against what the effects that the attitude shows make in the samples.
 
     An effect that is at work makes its symptoms, too. One more effect beside it has the prior probability
-    `DiagnosisSettings.another`.
-
-    Parameters
-    ----------
-    samples : causes that the samples show
-    named : effect, axis and probability of the causes that the attitude shows
-    settings : priors
+    `DiagnosisSettings.another`. The effects are named with their axes and probabilities.
     """
     out = []
     for one in samples:
-        kind, axis = one.symptom.kind, one.symptom.axis
-        made = max((p for effect, its, p in named if axis in (None, its) and kind in list_symptoms(effect)), default=0.0)
+        axis, made = one.symptom.axis, 0.0
+        if one.symptom.kind == "reference_noise_level":  # a random process of the references has noise at all frequencies
+            wandering = [(its, p) for effect, its, p in named if effect.is_process and effect.on_references]
+            made = max((p for its, p in wandering if axis in (None, its)), default=0.0)
         less = replace(one.symptom, probability=one.symptom.probability * (1 - made * (1 - settings.another)))
         if _is_more_than_chance(less, settings):
             out.append(replace(one, symptom=less))
     return out
-
-
-def list_symptoms(effect: Effect) -> tuple[str, ...]:
-    """List the symptoms that an effect makes beside its own.
-
-    A random process of the references has noise at all frequencies, also in their second differences.
-    """
-    return ("reference_noise_level",) if effect.is_process and effect.on_references else ()
-
-
-def _list_rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
-    """The effects that the symptom's rivals are signs of."""
-    return tuple((claims[kind], share) for kind, share in symptom.rivals if kind in claims)
 
 
 def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
@@ -199,12 +165,11 @@ def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
 
 
 def _build_finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
-    if symptom.text:
-        signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
-        return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
     tests = [t for t in all_tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
-    if not tests:
-        return Finding("gyro stream", None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.kind)
+    if symptom.text or not tests:
+        signal = "attitude" if symptom.text and symptom.kind.startswith("reference") else "gyro stream"
+        text = symptom.text or symptom.kind
+        return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, text)
     test = min(tests, key=lambda t: t.p_value)
     return Finding("gyro stream", None, symptom.axis, None, test.statistic, test.value, test.p_value, test.text)
 

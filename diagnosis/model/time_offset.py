@@ -13,17 +13,15 @@ own; since the truth is at a = s, its prior share is the likelihood there over t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
+from diagnosis.arrays import Array
 from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.propagation import Arcs, propagate
-
-Array = NDArray[np.float64]
 
 ROUNDS = 10  # in which a delay settles
 SETTLED = 0.01  # relative change, at which it has
@@ -34,22 +32,10 @@ TRIED = 17
 FITTING = 12.0  # χ² above the least, up to which a delay is an option
 
 
-@dataclass(frozen=True)
-class Delay:
-    """One possible delay: whitened columns (N, 1) per second of delay, and its prior weight."""
+def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[tuple[Array, float]]:
+    """Columns (N, 1) at the delays that fit the data, and their prior weights; none where those of a short delay do.
 
-    columns: Array
-    weight: float
-
-
-def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[Delay]:
-    """Columns at the delays that fit the data, where those of a short one do not describe them; none elsewhere.
-
-    Parameters
-    ----------
-    model : the recording
-    small : (N, 1) whitened columns of a short delay
-    prior : shortest and longest delay that is plausible, s
+    The prior is the shortest and the longest delay that is plausible, s.
     """
     path = _Path(model)
 
@@ -78,7 +64,7 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
     found = [(one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + FITTING]
     # A fit of the amplitude gains (a − s)² |c|² over it.
     gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.project_out_nuisance(c) ** 2)) for one, c in found]
-    return [Delay(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]
+    return [(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]
 
 
 def compute_delay_shares(gains: Array) -> Array:
@@ -106,18 +92,13 @@ class _Path:
 
     def column(self, delay: float) -> Array:
         """(N, 1) whitened observations of a delay, per second of it."""
-        start, parts = 0, []
-        for number, block in enumerate(self.model.blocks):
-            own = slice(start, start + block.references.size)
-            first = self._compute_attitude(number, np.array([delay])) * self._compute_attitude(number, np.zeros(1)).inv()
-            E = (
-                first.inv()
-                * self._compute_attitude(number, block.elapsed_s + delay)
-                * self._compute_attitude(number, block.elapsed_s).inv()
-            )
+        parts = []
+        for number, (block, own) in enumerate(zip(self.model.blocks, self.model.reference_slices, strict=True)):
+            attitude, now = partial(self._compute_attitude, number), block.elapsed_s
+            first = attitude(np.array([delay])) * attitude(np.zeros(1)).inv()
+            E = first.inv() * attitude(now + delay) * attitude(now).inv()
             off = (E * Rotation.from_rotvec(self.model.off[own]).inv()).as_rotvec()
             parts.append(block.average_references(self.model.residuals[own] + off).ravel())
-            start = own.stop
         return self.model.whiten(np.concatenate(parts)[:, None] / delay)
 
     def _compute_attitude(self, number: int, t: Array) -> Rotation:

@@ -6,6 +6,6 @@
 - `visibility`: the smallest visible size, by the statistic and the threshold of the diagnosis itself
 - `separability`: pairs that cannot be told apart
 - `extras`: extra maneuvers and what each would help
-- `pipeline`: all of it in turn; `result`: what comes out; `settings`: thresholds
+- `pipeline`: all of it in turn; `result`: what comes out, and thresholds
 - `invisible`: effects that a recording cannot show, which a calibration uses; hence nothing is imported here
 """

@@ -1,6 +1,6 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
-Columns and options are the candidates of the diagnosis itself (`diagnosis.model.groups`), with G, b and the start attitudes
+Columns and options are the candidates of the diagnosis itself (`diagnosis.model.candidates`), with G, b and the start attitudes
 projected out (`diagnosis.model.recording_model`), linearised at the scenario's true G and b. A random effect is a covariance X
 Xᵀ.
 """
@@ -11,17 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.model.groups import CandidateColumns, list_effect_groups
+from diagnosis.arrays import Array
+from diagnosis.model.candidates import list_effect_groups
+from diagnosis.model.linear import CandidateColumns
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import StepTimes
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from simulator.simulate import add_gyro_temperature, simulate
-
-Array = NDArray[np.float64]
 
 OF_TIME = ("time_s", "time_sigma_s")  # parameters of an option that is one of several times
 
@@ -82,14 +81,7 @@ def linearise_noise_free(scenario: Scenario) -> RecordingModel:
 
 
 def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTimes | None = None) -> list[Signature]:
-    """Build the signatures of some effects, the random ones last.
-
-    Parameters
-    ----------
-    model : the noise-free recording
-    names : effects
-    steps : times of steps as `step_times` returns them; those that the diagnosis tries by default
-    """
+    """Build the signatures of some effects, the random ones last; steps are at the times of the diagnosis by default."""
     out = []
     for group in list_effect_groups(model, [EFFECTS[name] for name in names], None, steps):
         for label, options in _split(group).items():

@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.arrays import AXES
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import step_times
 from diagnosis.plan.columns import Signature, build_signatures, find_median_index, linearise_noise_free
-from diagnosis.plan.result import Extra, Pair, Visible, order_pair
+from diagnosis.plan.result import SETTINGS, Extra, Pair, Visible, order_pair
 from diagnosis.plan.separability import list_pairs
-from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
-
-AXES = "xyz"
 
 DAY = 86400.0
 

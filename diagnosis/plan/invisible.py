@@ -16,19 +16,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS
 from gyrocal.calibration.parameters import NAMES
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.effects.base import Effect, Value
-
-Array = NDArray[np.float64]
 
 PLAUSIBLE_SHARE = 0.1  # of the plausible range of G or b
 LEAST_SIGMAS = 3.0  # of the calibration, by which an effect has to move a parameter to be listed
@@ -86,11 +84,7 @@ class InvisibleEffect:
 def find_invisible_effects(recording: Recording, G: Array, bias: Array, sigma: Array) -> tuple[InvisibleEffect, ...]:
     """Find the effects of the library that this recording cannot show and that move G and b most.
 
-    Parameters
-    ----------
-    recording : what was recorded
-    G, bias : (3, 3) and (3,) rad/s as calibrated
-    sigma : (12,) of G row by row and of b, rad/s
+    G, b (rad/s) and their sigmas (12,), of G row by row, are those of the calibration.
     """
     model = linearise_recording(recording, G, bias)
     ranges = estimate_plausible_ranges(recording)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.model.baseline import describe_unobserved
+from diagnosis.model.calibration import describe_unobserved
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free
@@ -44,7 +44,10 @@ def plan(
     """
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)
-    names = _select_effects(effects)
+    for name in effects or ():
+        if name not in EFFECTS:
+            raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
+    names = [name for name in EFFECTS if not effects or name in effects]
     longer = {
         name: append_intervals(scenario, parts)
         for name, parts in (list_maneuvers(scenario) if extras is None else extras).items()
@@ -78,13 +81,6 @@ def plan(
         notes=_write_plan_notes(scenario, model),
         runtime_s=time.perf_counter() - began,
     )
-
-
-def _select_effects(effects: Sequence[str] | None) -> list[str]:
-    for name in effects or ():
-        if name not in EFFECTS:
-            raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
-    return [name for name in EFFECTS if not effects or name in effects]
 
 
 def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:

@@ -15,14 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.plan.columns import Signature, find_median_index
-from diagnosis.plan.result import Pair, Visible
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS, Pair, Visible
 from simulator.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 
 def compute_confusion_shares(every: Sequence[Signature]) -> tuple[Array, Array]:

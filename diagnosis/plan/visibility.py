@@ -18,33 +18,22 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.inference.null import draw_null_statistics
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import Signature
-from diagnosis.plan.result import Verdict, Visible
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS, Verdict, Visible
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, Effect
 
-Array = NDArray[np.float64]
-
 
 class DetectionPower:
-    """The statistic of the diagnosis on draws.
+    """The statistic of the diagnosis on draws, of the linear model of a noise-free recording with all candidates.
 
-    Parameters
-    ----------
-    linear : the linear model of the noise-free recording, with all candidates
-    seed : of the draws
-    settings : with the rate of false alarms and the draws that the diagnosis finds its p-value with
-
-    Attributes
-    ----------
-    threshold : of the statistic, above which the diagnosis calls a gap
+    Above its `threshold` the diagnosis calls a gap.
     """
 
     def __init__(self, linear: LinearModel, seed: int = 0, settings: DiagnosisSettings = DEFAULT):
@@ -55,10 +44,6 @@ class DetectionPower:
         # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
         self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
         self._correlation = linear.X.T @ linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
-
-    def statistic(self, y: Array) -> Array:
-        """(d,) the statistic of observations y (N, d)."""
-        return self.search.compute_null_statistic(self.linear.X.T @ y)
 
     def compute_excess(self, moved: Array, amplitude: float) -> float:
         """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
@@ -98,7 +83,8 @@ def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     x = one.draw(power.rng, SETTINGS.power_draws)
     if one.process:
         size = best = worst = power.size(x, SETTINGS.random / float(one.norms[0]))
-        snr, text = float("nan"), ", ".join(_format_parameter(name, value) for name, value in one.parameters[0].items())
+        parameters = [f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in one.parameters[0].items()]
+        snr, text = float("nan"), ", ".join(parameters)
     else:
         norm = max(float(np.linalg.norm(x)), 1e-300)
         size = power.size(x, SETTINGS.snr / norm)
@@ -110,10 +96,6 @@ def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     if size > effect.prior[1]:
         return replace(row, text="hidden at most times")
     return replace(row, text="hidden at worst") if worst > effect.prior[1] else row
-
-
-def _format_parameter(name: str, value: float | str) -> str:
-    return f"{name} {value:.4g}" if isinstance(value, float) else value
 
 
 def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:

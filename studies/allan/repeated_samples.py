@@ -1,6 +1,6 @@
 """Gyro samples that repeat the one before, removed ahead of an Allan deviation, and notes on the readings' number format.
 
-The tests are those of a diagnosis (`diagnosis.detectors.repeats`, `diagnosis.detectors.lattice`). A repeated sample is no
+The tests are those of a diagnosis (`diagnosis.detectors.repeats`, `diagnosis.detectors.number_format`). A repeated sample is no
 measurement. Two processes make them:
 
 * A slower gyro is read too often. The measurements come at a regular rate, so the number of repeats in windows of the same
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.lattice import find_lattice_step
+from diagnosis.detectors.number_format import find_lattice_step
 from diagnosis.detectors.repeats import bridge_repeats
 from diagnosis.detectors.sample_noise import DITHERED
 from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples

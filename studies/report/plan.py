@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from diagnosis.plan.result import Extra, Pair, Plan, Visible
-from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.result import SETTINGS, Extra, Pair, Plan, Visible
 from studies.report import tables
 from studies.report.pages import Item, Page, PageTable, ProvenanceFooter, Section
 

@@ -33,9 +33,8 @@ from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import build_arcs, fit_arcs
 from diagnosis.model.sensors.columns import HeldAmplitudes
-from diagnosis.model.sensors.orthogonal import list_solved_for
 from diagnosis.model.sensors.tables import build_sensor_model, build_tables
-from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables, relinearise_tables
+from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables, list_solved_for, relinearise_tables
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 from simulator.arrays import Array

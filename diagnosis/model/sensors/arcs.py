@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.arrays import Array, Indices
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import Estimate, GyroArc, build_gyro_arc, choose_columns, linearise, list_measured_times
 from gyrocal.estimation.batch import correct_estimate
@@ -37,8 +37,6 @@ from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import SunSensor, trmm_sun_sensors
 from simulator.effects.sensor import Sightings
-
-Array = NDArray[np.float64]
 
 STEADY = float(np.deg2rad(0.01))  # rad/s, by which a mean rate over `steady_s` may depart from that of the interval
 STEADY_S = 60.0  # s
@@ -90,11 +88,9 @@ class FittedArc:
         return ExactLeastSquares(self.rows, self.path.q, np.zeros((len(self.path.q), 3)))
 
     def gram(self, X: Array) -> tuple[Array, int]:
-        """Products of X (r, p) and the residuals with the nuisance parameters of M0 projected out.
+        """Products (p + 1, p + 1) of X (r, p) and the residuals, these last, with the nuisance parameters of M0 projected out.
 
-        Returns
-        -------
-        (p + 1, p + 1) the residuals last, and the degrees of freedom
+        The second value is the number of degrees of freedom.
         """
         return self._exact.project(np.column_stack([X, self.rows.z])), len(self.rows.z) - 6
 
@@ -206,19 +202,9 @@ def _compute_sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
 
 
 def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None = None) -> FittedArc:
-    """Epoch attitude and bias of an arc under M0.
+    """Epoch attitude and bias of an arc under M0, with errors (n, 2) and (m, 4), rad, taken off the measurements beforehand.
 
-    Parameters
-    ----------
-    arc : the arc
-    sun_error, earth_error : (n, 2), (m, 4) what is taken off the measurements beforehand, rad
-
-    Raises
-    ------
-    UnobservableError
-        The arc does not determine both.
-    MisfitError
-        The fit does not converge.
+    An `UnobservableError` if the arc does not determine both, a `MisfitError` if the fit does not converge.
     """
     series = arc.series
     if sun_error is not None and earth_error is not None:
@@ -253,7 +239,7 @@ def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc,
     return replace(arc, sightings=replace(arc.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
 
 
-def _find_nearest_nodes(path: GyroArc, t: Array) -> NDArray[np.intp]:
+def _find_nearest_nodes(path: GyroArc, t: Array) -> Indices:
     """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
     return np.minimum(path.node(t), len(path.t) - 1)
 
@@ -261,12 +247,8 @@ def _find_nearest_nodes(path: GyroArc, t: Array) -> NDArray[np.intp]:
 def fit_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:
     """Fits of all arcs, what is said of those that cannot be fitted, and of those that do not fit the nominal sensors at all.
 
-    Raises
-    ------
-    MisfitError
-        No arc can be fitted, and the measurements of one or more do not fit the nominal sensors at all.
-    InputError
-        No arc can be fitted for another reason.
+    If no arc can be fitted, a `MisfitError` where the measurements of one or more do not fit the nominal sensors at all, else
+    an `InputError`.
     """
     done: list[FittedArc] = []
     notes: list[str] = []

@@ -15,20 +15,19 @@ misalignment or of biases, taken day by day (`diagnosis.model.sensors.tables`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.model.groups import CandidateColumns, build_group
+from diagnosis.arrays import Array
+from diagnosis.model.candidates import build_group
+from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.sensors.arcs import FittedArc
 from simulator.effects.base import Value
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3  # of an amplitude, for the derivative of an effect's error
 DEGREE = 3  # of polynomials in the measured direction
@@ -55,17 +54,10 @@ def build_groups(
 ) -> list[CandidateColumns]:
     """Build all candidates along an arc, their columns (r, k) in sigmas per unit of the amplitude.
 
-    Parameters
-    ----------
-    fitted : the arc
-    effects : listed ones
-    about : amplitudes by label about which the errors are linearised; zero where there are none
+    The errors are linearised about the amplitudes by label, or about zero.
     """
     listed = [_build_listed(fitted, effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
-    return [*listed, *(build_rival(name, build(fitted)) for name, build in RIVAL_BUILDERS.items())]
-
-
-# ---- listed effects ------------------------------------------------------------------------------------------------------
+    return [*listed, *(build_rival(name, None, build(fitted)) for name, build in RIVAL_BUILDERS.items())]
 
 
 def find_sensor_effect(label: str) -> tuple[SensorEffect, str | None]:
@@ -109,15 +101,6 @@ def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes])
         more = effect.error(sightings, axis, one.amplitudes, one.parameters)
         sun, earth = sun + more[0], earth + more[1]
     return sun, earth
-
-
-# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
-
-
-def build_rival(name: str, columns: Sequence[Array]) -> CandidateColumns:
-    """Build a discrepancy that is on no list, with an amplitude of any size, by the columns of its options."""
-    count = len(columns)
-    return CandidateColumns(name, None, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "")
 
 
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:

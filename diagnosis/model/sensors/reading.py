@@ -7,19 +7,17 @@ angles in another unit. Where one arc as read leaves far more than noise, it is 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations, product
 from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.arrays import Array
 from diagnosis.model.sensors.arcs import build_arc, fit_arc, is_steady
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Interval, Recording
 from gyrocal.recording.sensor_tables import SensorTables, SunCounts
-
-Array = NDArray[np.float64]
 
 GROSS = 3.0  # from which on the tables as read are doubted
 BETTER = 0.25  # share of it that another reading may leave
@@ -28,15 +26,6 @@ ALIKE = 1.25  # times the least of all readings, within which another one is as 
 ARCS = 3  # the middle one of these many stands for all; the others may be worse by something else
 SHOWN = 3  # readings stated at most
 FULL_SCALE = 2**14 - 1  # of the sun sensors' counts
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Another way to read the tables."""
-
-    words: str  # what is changed
-    changes: int  # how many things these are
-    tables: SensorTables  # read this way
 
 
 def find_misreading(recording: Recording) -> str | None:
@@ -52,13 +41,15 @@ def find_misreading(recording: Recording) -> str | None:
     ]
     if as_read < GROSS:
         return None
-    others = [(_compute_mean_square(recording, one.tables, arc), one) for one in _list_misreadings(tables)]
-    best = min(left for left, _ in others)
+    others = [
+        (changes, _compute_mean_square(recording, read, arc), words) for changes, words, read in _list_misreadings(tables)
+    ]
+    best = min(left for _, left, _ in others)
     hopeless = np.isinf(as_read)
     lead = "no attitude fits them" if hopeless else f"their residuals have {as_read:.3g} times the mean square of the noise"
     if best > min(BETTER * as_read, LARGEST):
         return f"{lead}, and no usual misreading of the tables explains that" if hopeless else None
-    good = sorted((one.changes, left, one.words) for left, one in others if left <= ALIKE * best)
+    good = sorted(one for one in others if one[1] <= ALIKE * best)
     ways = [words for changes, _, words in good if changes == good[0][0]]
     return f"{lead}; {best:.3g} with {' or '.join(ways[:SHOWN])}"
 
@@ -76,27 +67,27 @@ def _compute_mean_square(recording: Recording, tables: SensorTables, interval: I
     return float(gram[0, 0] / dof)
 
 
-def _list_misreadings(tables: SensorTables) -> Iterator[Reading]:
-    """List the usual misreadings of counts, inertial directions and penetration angles, one change at a time."""
+def _list_misreadings(tables: SensorTables) -> Iterator[tuple[int, str, SensorTables]]:
+    """List the usual misreadings: how many things are changed, which in words, and the tables read this way."""
     sun, earth, ephemeris = tables.sun, tables.earth, tables.ephemeris
     assert sun is not None
     assert earth is not None
     assert ephemeris is not None
     for words, changes, counts in _list_count_misreadings(sun):
-        yield Reading(words, changes, replace(tables, sun=replace(sun, counts=counts)))
-    yield Reading("sensors 1 and 2 exchanged", 1, replace(tables, sun=replace(sun, sensor=3 - sun.sensor)))
-    yield Reading("the Sun's direction reversed", 1, replace(tables, ephemeris=replace(ephemeris, sun=-ephemeris.sun)))
+        yield changes, words, replace(tables, sun=replace(sun, counts=counts))
+    yield 1, "sensors 1 and 2 exchanged", replace(tables, sun=replace(sun, sensor=3 - sun.sensor))
+    yield 1, "the Sun's direction reversed", replace(tables, ephemeris=replace(ephemeris, sun=-ephemeris.sun))
     for names, changes, Pi in _list_axis_turns():
         changed = replace(ephemeris, sun=ephemeris.sun @ Pi.T)
-        yield Reading(f"sun_x, sun_y and sun_z as {names}", changes, replace(tables, ephemeris=changed))
+        yield changes, f"sun_x, sun_y and sun_z as {names}", replace(tables, ephemeris=changed)
         changed = replace(ephemeris, position=ephemeris.position @ Pi.T)
-        yield Reading(f"position_x, position_y and position_z as {names}", changes, replace(tables, ephemeris=changed))
+        yield changes, f"position_x, position_y and position_z as {names}", replace(tables, ephemeris=changed)
     for words, factor in (("in rad, not deg", np.rad2deg(1.0)), ("divided by 57.296", np.deg2rad(1.0))):
         scaled = replace(earth, angles=factor * earth.angles)
-        yield Reading(f"the penetration angles {words}", 1, replace(tables, earth=scaled))
+        yield 1, f"the penetration angles {words}", replace(tables, earth=scaled)
     for order in list(permutations(range(4)))[1:]:
         reordered = replace(earth, angles=earth.angles[:, order], used=earth.used[:, order])
-        yield Reading(f"the quadrants in the order {', '.join(str(k + 1) for k in order)}", 1, replace(tables, earth=reordered))
+        yield 1, f"the quadrants in the order {', '.join(str(k + 1) for k in order)}", replace(tables, earth=reordered)
 
 
 def _list_count_misreadings(sun: SunCounts) -> Iterator[tuple[str, int, Array]]:

@@ -14,14 +14,13 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from diagnosis.arrays import Array
 from diagnosis.model.sensors.arcs import FittedArc
 from diagnosis.model.sensors.columns import HeldAmplitudes, build_held_columns, find_sensor_effect
 from simulator.effects.base import Value
 
-Array = NDArray[np.float64]
 Places = Sequence[tuple[str, str]]  # label and name of each parameter
 
 FIRST = 0.15  # step of the search for the least χ², less than half that between options
@@ -35,13 +34,7 @@ AROUND = (-2.5, -1.25, 0.0, 1.25, 2.5)
 
 
 def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes]) -> dict[str, HeldAmplitudes]:
-    """Move the parameters of effects, by label, to the least χ², with the amplitudes that fit there and options around.
-
-    Parameters
-    ----------
-    fits : the arcs under M0
-    held : what to start from
-    """
+    """Move the parameters of effects, by label, to the least χ², with the amplitudes that fit there and options around."""
     places = [(label, name) for label in held for name in find_sensor_effect(label)[0].refined]
     if not places:
         return dict(held)

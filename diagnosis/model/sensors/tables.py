@@ -14,19 +14,15 @@ from functools import partial
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from diagnosis.arrays import LEAST_POSITIVE, Array, Indices
 from diagnosis.model.candidates import place_candidates
-from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import Fold, LinearModel
+from diagnosis.model.linear import CandidateColumns, Fold, LinearModel, build_rival
 from diagnosis.model.sensors.arcs import FittedArc
-from diagnosis.model.sensors.columns import HeldAmplitudes, build_groups, build_rival
+from diagnosis.model.sensors.columns import HeldAmplitudes, build_groups
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FOLDS = 6  # of the arcs
 MONTH = 30 * 86400.0  # s, unit of a drift
@@ -36,7 +32,6 @@ RANK = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only 
 SEEN = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
 
 TABLE_SPLIT = "days left out, a sixth of the arcs at a time"
-LEAST_POSITIVE = 1e-300
 
 
 @dataclass(frozen=True)
@@ -55,14 +50,10 @@ class Tables:
 def build_tables(
     fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, HeldAmplitudes] | None = None
 ) -> Tables:
-    """Build columns and residuals of fitted arcs.
+    """Build columns and residuals of fitted arcs; effects that wander have their columns in any case.
 
-    Parameters
-    ----------
-    fits : the arcs
-    effects : that may be named; those that wander have their columns in any case
-    about : amplitudes by label that were taken off the measurements before the arcs were fitted, and about which the errors are
-        linearised; the residuals get their linear part back
+    The amplitudes `about`, by label, were taken off the measurements before the arcs were fitted, and the errors are linearised
+    about them; the residuals get their linear part back.
     """
     held = about or {}
     present = [effect for effect in SENSOR_EFFECTS.values() if effect in effects or effect.wanders]
@@ -130,8 +121,8 @@ def _list_wander_groups(tables: Tables) -> Iterator[CandidateColumns]:
         # The search looks at the first columns first. The prior of the amplitudes is the same for any rotation of them.
         _, turn = np.linalg.eigh(days.T @ days)
         months = (tables.t_s - tables.t_s.mean()) / MONTH
-        yield build_rival(f"{sensor} sits differently each day", [days @ turn[:, ::-1]])
-        yield build_rival(f"{sensor} drifts", [months[tables.owner][:, None] * columns])
+        yield build_rival(f"{sensor} sits differently each day", None, [days @ turn[:, ::-1]])
+        yield build_rival(f"{sensor} drifts", None, [months[tables.owner][:, None] * columns])
 
 
 def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
@@ -148,9 +139,6 @@ def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
             owner=np.array(tables.names)[tables.owner[out]],
             dof={tables.names[k]: float(tables.dof[k]) for k in np.unique(tables.owner[out])},
         )
-
-
-# ---- noise ---------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ import numpy as np
 from diagnosis.answer import Verdict
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution, rank_all
-from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import LinearModel, Parameters, SelectedCandidate
+from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, SelectedCandidate
 from diagnosis.settings import DEFAULT
 from simulator.arrays import Array
 from studies.natanson.flight_diagnosis.table import (

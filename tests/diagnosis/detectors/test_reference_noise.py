@@ -23,7 +23,6 @@ def level_of(excess=1.0, delay=0.0, motion=None):
         sigma=np.full((COUNT, 3), SIGMA),
         to_inertial=np.tile(np.eye(3), (COUNT, 1, 1)),
         residuals=noise - delay * RATES,
-        rates=RATES,
     )
     return estimate_reference_noise(series, DENSITY, motion=motion)
 
@@ -49,7 +48,7 @@ def likeness_of(noise):
     count = len(noise)
     series = ReferenceSeries(
         np.arange(count) * SPACING, np.zeros(count, dtype=int), np.full((count, 3), SIGMA), np.tile(np.eye(3), (count, 1, 1)),
-        SIGMA * noise, np.zeros((count, 3)),
+        SIGMA * noise,
     )  # fmt: skip
     return estimate_reference_noise(series, DENSITY).likeness
 
@@ -88,7 +87,6 @@ def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):
         sigma=np.full((COUNT, 3), SIGMA),
         to_inertial=A.transpose(0, 2, 1),
         residuals=errors - turned - wander,
-        rates=np.tile(np.deg2rad(rate_deg_s) * axis, (COUNT, 1)),
     )
     return estimate_reference_noise(series, DENSITY)
 

@@ -8,7 +8,7 @@ import pytest
 import scipy.special
 
 from diagnosis.detectors import samples as stream
-from diagnosis.detectors.lattice import find_lattice_step, undo_lattice
+from diagnosis.detectors.number_format import find_lattice_step, undo_lattice
 from diagnosis.detectors.samples import examine
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT

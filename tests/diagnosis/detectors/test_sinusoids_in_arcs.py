@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.gap_interpolation import SIDE, fill_gaps
-from diagnosis.detectors.sinusoids_in_arcs import fit_line
+from diagnosis.detectors.spectral_lines import fit_line
 from tests.diagnosis.recordings import recorded
 
 HZ, SIZE, NOISE = 0.137, 2e-4, 1e-6  # of the tone, rad/s, and of a sample

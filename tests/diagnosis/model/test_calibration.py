@@ -8,12 +8,16 @@ import scipy.stats
 
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.search import Search
-from diagnosis.model.baseline import describe_unobserved
-from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects, jackknife_calibration
+from diagnosis.model.calibration import (
+    calibrate_beside_remainder,
+    calibrate_with_effects,
+    describe_unobserved,
+    jackknife_calibration,
+)
 from diagnosis.model.folds import assign_folds
-from diagnosis.model.known_effects import KnownEffect, subtract_effects
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.prepare import subtract_effects
 from gyrocal import calibrate
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import EFFECTS
@@ -146,7 +150,7 @@ def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
     """What is left beside G and b differs by second orders from a recording with the same noise and no effect."""
     with_it, clean = prepared(3, text).model, prepared(3).model
     effect = EFFECTS[text.partition("=")[0].partition(":")[0]]
-    one = KnownEffect(effect, fitted(text.partition("=")[0], amplitudes))
+    one = (effect, fitted(text.partition("=")[0], amplitudes))
     left = subtract_effects(with_it, [one])
     size = np.linalg.norm(with_it.y - clean.y)
     assert size > 5

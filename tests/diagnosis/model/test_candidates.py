@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.model.candidates import build_linear_model, place_candidates
-from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import Room, SelectedCandidate
+from diagnosis.model.linear import CandidateColumns, Room, SelectedCandidate
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, ResidualProducts, add_step_times

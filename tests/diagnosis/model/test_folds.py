@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.folds import BROAD, START, assign_folds, build_folds, reverse_whitening
+from diagnosis.model.folds import BROAD, START, assign_folds, build_folds
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from tests.diagnosis.recordings import prepared
 
@@ -11,6 +11,10 @@ from tests.diagnosis.recordings import prepared
 @pytest.fixture(scope="module")
 def model():
     return prepared(3, every_s=300.0).model
+
+
+def reverse_whitening(model, columns):
+    return np.concatenate([block.whitener @ columns[block.rows] for block in model.blocks])
 
 
 def test_predictions_are_those_of_the_joint_normal_distribution_with_unit_variance(model):

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
-from diagnosis.model.gate import check_residuals
+from diagnosis.model.calibration import check_residuals
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate

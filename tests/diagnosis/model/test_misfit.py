@@ -8,9 +8,8 @@ import scipy.stats
 
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
-from diagnosis.model.layout import tabulate_references
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.misfit import check_baseline, compute_innovations
+from diagnosis.model.misfit import check_baseline, compute_innovations, tabulate_references
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from simulator.truth.rotation import apply_rotation_errors

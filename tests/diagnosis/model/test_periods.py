@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from diagnosis import sinusoids
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
 from diagnosis.model import periods
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.sinusoids import coherence
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -66,7 +66,7 @@ def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, a
             own = periods.make_period_columns(swinging, axis, on_references, np.array([frequency]))[0]
             X = swinging.project_out_nuisance(own)
             gram = X.T @ X
-            scales = np.array(coherence.SCALES) / np.sqrt(0.5 * np.trace(gram))
+            scales = np.array(sinusoids.SCALES) / np.sqrt(0.5 * np.trace(gram))
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
             score = found.compute_log_evidence(np.array([[frequency]]), np.array([j]))[0, 0]
             assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)

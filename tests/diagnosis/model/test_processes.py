@@ -1,15 +1,12 @@
 """Random processes against their covariances, drawn errors and the simulator."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.stats
 
 from diagnosis.model import linearise, process_projection, processes
-from diagnosis.model.groups import list_process_places
 from diagnosis.model.process_projection import ProcessProjection, split_cells
-from diagnosis.model.processes import build_all_columns, build_usual_columns, markov
+from diagnosis.model.processes import build_all_columns, build_usual_columns, list_process_places, markov
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
 
@@ -95,7 +92,7 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
 
 def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):
     """Two turns a cell and a process that forgets within it: what a level in each cell would show is another thing."""
-    monkeypatch.setattr(process_projection, "DECOMPOSITION", replace(process_projection.DECOMPOSITION, parts=12))
+    monkeypatch.setattr(process_projection, "PARTS", 12)
     t_s = np.arange(2000) * 0.5
     rates = np.zeros((t_s.size, 3))
     rates[:, 2] = 2 * np.pi / 5.0

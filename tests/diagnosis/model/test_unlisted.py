@@ -7,8 +7,8 @@ import pytest
 
 from diagnosis.inference.joint_search import JointSearch
 from diagnosis.inference.search import Search
+from diagnosis.model import alternatives
 from diagnosis.model import bins as bins_of
-from diagnosis.model import deterministic_alternatives
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
@@ -27,7 +27,7 @@ def bins(model):
 
 @pytest.fixture(scope="module")
 def families(model):
-    return {(family.name, family.axis): family.columns for family in deterministic_alternatives.build_families(model)}
+    return {(family.effect, family.axis): family.columns for family in alternatives.list_deterministic_rivals(model)}
 
 
 def test_columns_of_a_constant_and_of_a_direction_are_closed_forms(model, bins, families):
@@ -47,7 +47,7 @@ def test_columns_of_a_constant_and_of_a_direction_are_closed_forms(model, bins, 
 
 def test_its_own_rival_explains_it_better_than_any_listed_effect(model, bins):
     """Without this rival, listed effects explain it: a process, an orbital bias, and a scale asymmetry."""
-    past = deterministic_alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1]
+    past = alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1]
     strength = np.linalg.norm(model.project_out_nuisance(bins_of.observe_rate_errors(model, bins, 1, past[:, None])))
     recording = recorded(3)
     gyro = recording.gyro

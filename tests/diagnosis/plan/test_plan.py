@@ -16,8 +16,8 @@ from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_
 from diagnosis.plan.extras import list_maneuvers
 from diagnosis.plan.invisible import find_invisible_effects
 from diagnosis.plan.pipeline import plan
+from diagnosis.plan.result import SETTINGS
 from diagnosis.plan.separability import compute_confusion_shares, list_pairs
-from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import calibrate
@@ -74,7 +74,7 @@ def detected(scenario, power):
                 scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
             )
             seen.append(see(recording).y)
-        return int(np.sum(power.statistic(np.column_stack(seen)) > power.threshold))
+        return int(np.sum(power.search.compute_null_statistic(power.linear.X.T @ np.column_stack(seen)) > power.threshold))
 
     return count
 

@@ -1,15 +1,38 @@
-"""Fit of a sinusoid against simulation: no bias, and sigmas that cover, with a phase for each piece and with one for all."""
+"""Fit of a sinusoid against simulation: no bias, and sigmas that cover, with a phase for each piece and with one for all.
+
+One phase over several intervals: evidence against columns made at once, and the false alarms of its best frequency.
+"""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 import scipy.signal
 import scipy.stats
 
-from diagnosis.sinusoids.fit import Piece, find_frequency, fit_sinusoid
-from diagnosis.sinusoids.spectrum import compute_log_p, compute_power, compute_segment_spectrum
+from diagnosis.inference.evidence import log_bayes
+from diagnosis.sinusoids import (
+    SCALES,
+    IntervalProducts,
+    Piece,
+    compute_log_p,
+    compute_power,
+    compute_segment_spectrum,
+    find_frequency,
+    find_tops,
+    fit_sinusoid,
+    make_waves,
+)
 
 NOISE, SIZE, HZ = 1.0, 0.4, 0.1037
 TIMES = [np.arange(0.0, 800.0), np.arange(5000.0, 5500.0)]
+
+LONG_TIMES = [np.arange(0.0, 300.0), np.arange(2000.0, 2200.0), np.arange(7000.0, 7300.0)]
+T = np.concatenate(LONG_TIMES)
+OWNER = np.repeat([0, 1, 2], [one.size for one in LONG_TIMES])
+MIDDLE = np.array([one.mean() for one in LONG_TIMES])
+MADE = np.array([0.0917, 0.2113])
+NEAR = MADE[:, None] + 1e-5 * np.arange(-8, 9)  # at most 1/(32 · 300 s) from the frequency at which waves are made
 
 
 def project(t_s, degree=3):
@@ -96,3 +119,39 @@ def test_power_and_its_p_value_are_those_of_closed_forms():
     assert float(compute_log_p(9.0, 1.0, 100)) == pytest.approx(np.log(100) - 9.0)
     assert float(compute_log_p(3.0, 4.0, 1)) == pytest.approx(scipy.stats.chi2(8).logsf(24.0))
     assert float(compute_log_p(0.1, 1.0, 100)) == 0.0
+
+
+def compute_products(frequency, waves, y, interval, middle_s):
+    """Products of waves of a sine and a cosine at each frequency, without nuisance parameters."""
+    starts = np.flatnonzero(np.diff(interval, prepend=-1))
+    back = np.exp(-2j * np.pi * np.outer(middle_s, frequency))
+    a = (waves[:, 1::2] + 1j * waves[:, ::2]) * back[np.searchsorted(starts, np.arange(y.size), side="right") - 1]
+    z = np.add.reduceat(a * y[:, None], starts, axis=0)
+    s = np.add.reduceat(a * a, starts, axis=0)
+    return IntervalProducts(middle_s, z.T[:, :, None], np.sum(np.abs(a) ** 2, axis=0), s.T[:, :, None])
+
+
+def evidence_of(y):
+    return compute_products(MADE, make_waves(MADE, T), y, OWNER, MIDDLE).compute_log_evidence(NEAR)
+
+
+def test_evidence_is_that_of_columns_made_at_each_frequency():
+    rng = np.random.default_rng(1)
+    y = 0.3 * np.sin(2 * np.pi * (MADE[0] + 3e-5) * T + 1.0) + rng.standard_normal(T.size)
+    found = evidence_of(y)
+    for j, k in ((0, 11), (0, 2), (1, 5)):
+        X = make_waves(NEAR[j, k], T)
+        scales = np.array(SCALES) / np.sqrt(0.5 * np.sum(X**2))
+        expected = log_bayes((X.T @ X)[None], (X.T @ y)[None], scales).max()
+        assert found[j, k] == pytest.approx(expected, abs=0.02 * abs(expected) + 0.2)
+    assert abs(int(find_tops(found[0], 1)[0]) - 11) <= 3  # its sigma is 0.9 steps
+    assert found[0].max() > 15
+
+
+def test_noise_has_no_evidence_and_tops_are_in_order():
+    """The evidence of a sinusoid exceeds e^x by chance in at most e^-x of the cases, at any one frequency."""
+    rng = np.random.default_rng(2)
+    values = np.array([evidence_of(rng.standard_normal(T.size))[:, 8] for _ in range(400)]).ravel()
+    for x in (2.0, 4.0):
+        assert np.mean(values > x) <= len(SCALES) * np.exp(-x)
+    assert find_tops(np.array([0.0, 3.0, 1.0, 5.0, 5.0, 2.0, 4.0]), 2).tolist() == [3, 6]

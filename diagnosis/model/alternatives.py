@@ -6,7 +6,7 @@ families are
 
 - rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
 - rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
-  from an interval's start (others are in `diagnosis.model.periodic_alternatives`);
+  from an interval's start;
 - *directions*: sunlight and magnetic fields come from directions that are fixed inertially, or turn with the orbit. An error
   about body axis i that follows the component of such a direction along body axis k is a_jk(t) of the attitude matrix A times
   amplitudes for the inertial axes j; times cos nu and sin nu of the orbit angle u for directions that turn with it (the field
@@ -20,22 +20,34 @@ families are
 
 Random errors are in `diagnosis.model.processes`. Each family gives columns per unit amplitude; amplitudes are taken in terms
 of the sizes that the recording can show, since nothing is known of them.
+
+Periodic rivals repeat with one of the periods that `diagnosis.model.periods` has found to explain most as a sine: shapes that
+are no sine, and sines that may not be named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.model.bins import Bins, Family, build_bins, build_rate_families, build_reference_families
+from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.model.bins import (
+    Bins,
+    build_bins,
+    build_families,
+    find_reference_bins,
+    find_reference_steps,
+    observe_rate_errors,
+    observe_reference_errors,
+)
+from diagnosis.model.linear import CandidateColumns, build_rival
+from diagnosis.model.periods import Found, Period, make_period_columns
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.model.step_index import find_reference_bins, find_reference_steps
 from simulator.effects.common import recursion
-
-Array = NDArray[np.float64]
 
 DAY = 86400.0
 
@@ -47,8 +59,13 @@ LARGE = 0.1  # share of the largest rate, or of its largest change, from which o
 
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 
+REPEATED = 4  # best periods at which a swing that is no sine is tried
+SHAPE = 3  # its harmonics of any phase
+HIGHEST = 7  # its highest harmonic that is locked to the fundamental
+DOUBLED = 2  # best periods that may be the second harmonics of others
 
-def build_families(model: RecordingModel) -> Iterator[Family]:
+
+def list_deterministic_rivals(model: RecordingModel) -> Iterator[CandidateColumns]:
     """Build all families with a few columns."""
     bins = build_bins(model)
     sides = (
@@ -59,12 +76,11 @@ def build_families(model: RecordingModel) -> Iterator[Family]:
         _run_in_time(model, bins),
     )
     for name, options in chain.from_iterable(one.items() for one in sides):
-        yield from build_rate_families(model, bins, name, options)
+        yield from build_families(name, options, partial(observe_rate_errors, model, bins))
     for name, options in {**_follow_surroundings(model, bins), **_follow_reference_courses(model)}.items():
-        yield from build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
-
-
-# ---- rates ---------------------------------------------------------------------------------------------------------------
+        yield from build_families(
+            name, [one for one in options if np.ptp(one, axis=0).any()], partial(observe_reference_errors, model)
+        )
 
 
 def _follow_rates(bins: Bins) -> Options:
@@ -80,9 +96,6 @@ def _follow_rates(bins: Bins) -> Options:
         "scale factor or misalignment drifts": _split_columns(mission * w),
         "scale factor or misalignment settles after a start": _split_columns(warm * w),
     }
-
-
-# ---- time ----------------------------------------------------------------------------------------------------------------
 
 
 def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
@@ -108,7 +121,7 @@ def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
     }  # fmt: skip
 
 
-def _split_intervals(values: Array, interval: NDArray[np.intp], count: int) -> Array:
+def _split_intervals(values: Array, interval: Indices, count: int) -> Array:
     """Give columns (n, k) an amplitude of their own in each interval, (n, count k)."""
     out = np.zeros((len(values), count, values.shape[1]))
     out[np.arange(len(values)), interval] = values
@@ -122,9 +135,6 @@ def _build_wave(t: Array, period: float) -> Array:
 
 def _split_columns(values: Array) -> list[Array]:
     return [values[:, [k]] for k in range(values.shape[1])]
-
-
-# ---- directions ----------------------------------------------------------------------------------------------------------
 
 
 def _follow_directions(model: RecordingModel, bins: Bins) -> Options:
@@ -151,9 +161,6 @@ def turn_with_orbit(components: Array, t_s: Array, orbit: float, order: int) -> 
     return np.hstack(waves if order == 1 else [components, *waves])
 
 
-# ---- temperatures --------------------------------------------------------------------------------------------------------
-
-
 def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
     rates, errors = [], []
     for values in model.stream.housekeeping.values():
@@ -168,9 +175,6 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
         "bias follows the square of a housekeeping value, or its delayed value": kept,
         "scale factor or misalignment follows a housekeeping value": rates if kept else [],
     }
-
-
-# ---- the past ------------------------------------------------------------------------------------------------------------
 
 
 def _follow_past(bins: Bins) -> Options:
@@ -200,9 +204,6 @@ def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
         decay = np.full(own.size, 1 - share)
         out[own] = np.column_stack([recursion(decay, share * one) for one in values[own].T])
     return out
-
-
-# ---- references ----------------------------------------------------------------------------------------------------------
 
 
 def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
@@ -249,3 +250,52 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
             _build_wave(t, orbit / k) for k in (3, 4, 6) if np.isfinite(orbit)
         ],
     }  # fmt: skip
+
+
+def list_periodic_rivals(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[CandidateColumns]:
+    """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
+
+    The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
+    wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
+    has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
+    `listed` holds for which kinds of error, of the references or not, a swing may be named.
+    """
+    for (on_references, axis), periods in found.items():
+        what = "references repeat" if on_references else "bias repeats"
+        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[:DOUBLED]]
+        shapes = [*periods[:REPEATED], *doubled]
+        options, at = [], []
+        for one in shapes:
+            orders = one.frequency * np.arange(1.0, HIGHEST + 1)
+            several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
+            options += several
+            at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
+        yield _build_periodic_rival(model, f"{what} with a period, not as a sine", axis, options, at)
+        if on_references not in listed:
+            options = make_period_columns(model, axis, on_references, np.array([one.frequency for one in periods]))
+            yield _build_periodic_rival(model, f"{what} with another period", axis, options, periods)
+
+
+def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
+    """Make shapes that repeat from sine and cosine (N, 2) of each order, the fundamental first.
+
+    Each is (N, k) columns of which the first two are sine and cosine of the fundamental.
+    """
+    falling = [wave / order for order, wave in enumerate(waves, 1)]
+    X = model.project_out_nuisance(waves[0])
+    sine, cosine = np.linalg.lstsq(X, model.y, rcond=None)[0]
+    theta = np.arctan2(cosine, sine)
+    # sin k(ωt + φ) of sine and cosine of kωt
+    locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
+    odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
+    return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
+
+
+def _build_periodic_rival(
+    model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]
+) -> CandidateColumns:
+    """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
+    sizes = [float(np.linalg.norm(model.project_out_nuisance(part[:, :2]))) for part in options]
+    scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
+    weights = np.exp([one.log_weight for one in at])
+    return replace(build_rival(name, AXES[axis], scaled, weights=weights), scanned=True)
