@@ -10,7 +10,7 @@ from gyrocal.estimation.alignment import AlignmentResult
 from gyrocal.estimation.alignment import align_in_two_steps as align_in_two_steps
 from gyrocal.estimation.alignment import align_together as align_together
 from gyrocal.estimation.batch import BatchResult, batch
-from gyrocal.estimation.filter_run import FilterRun
+from gyrocal.estimation.filter_run import FilterRun, Smoothed, smooth
 from gyrocal.estimation.filter_run import run as run_filter
 from gyrocal.estimation.full_filter import FullFilterResult, Leg
 from gyrocal.estimation.full_filter import run_legs as run_full_filter
@@ -18,7 +18,6 @@ from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator
 from gyrocal.estimation.onboard import replay as run_on_board
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
-from gyrocal.estimation.smoother import Smoothed, smooth
 from gyrocal.recording import (
     Attitudes,
     GyroStream,
