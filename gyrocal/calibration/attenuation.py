@@ -37,12 +37,10 @@ def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) 
 
     Returns (3, 3) in body axes, s/rad².
 
-    Parameters
-    ----------
-    A : (m + 1, 3, 3) attitudes at the references of the interval
-    noise : (m + 1, 3, 3) covariance of these about the body axes, rad²
-    elapsed_s : (m,) s from the first to the others
-    arw : rad/sqrt(s)
+    A: (m + 1, 3, 3) attitudes at the references of the interval
+    noise: (m + 1, 3, 3) covariance of these about the body axes, rad²
+    elapsed_s: (m,) s from the first to the others
+    arw: rad/sqrt(s)
     """
     dt = np.diff(elapsed_s, prepend=0.0)
     S = A.swapaxes(1, 2) @ noise @ A
@@ -59,10 +57,8 @@ def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) 
 def estimate_attenuation(problem: Problem, G: Array, P: Array) -> Array:
     """E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
 
-    Parameters
-    ----------
-    problem : with the full covariance
-    G, P : (3, 3) calibrated, and the (12, 12) covariance of G and b
+    problem: with the full covariance
+    G, P: (3, 3) calibrated, and the (12, 12) covariance of G and b
     """
     made = problem.measurements
     arw = problem.arw * float(np.sqrt(made.noise_gain))

@@ -23,20 +23,15 @@ SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; smaller ones are roundin
 
 @dataclass(frozen=True)
 class CalibrationChange:
-    """Change of G and b between two calibrations.
+    """Change of G and b between two calibrations."""
 
-    Attributes
-    ----------
-    difference, sigma : (12,) in the order of `gyrocal.NAMES`, b in rad/s; sigma is zero for held parameters
-    chi2, dof : of the difference of all solved-for parameters
-    is_same_recording : whether both calibrate one recording
-    """
-
+    # difference, sigma: (12,) in the order of `gyrocal.NAMES`, b in rad/s; sigma is zero for held parameters
     difference: Array
     sigma: Array
+    # chi2, dof: of the difference of all solved-for parameters
     chi2: float
     dof: int
-    is_same_recording: bool
+    is_same_recording: bool  # whether both calibrate one recording
 
     @property
     def in_sigma(self) -> Array:
@@ -55,16 +50,11 @@ def compute_change(
 ) -> CalibrationChange:
     """Compute the change from a saved calibration to a new one.
 
-    Parameters
-    ----------
-    saved, new : G and b
-    saved_covariance, new_covariance : (12, 12) of G and b in the order of `gyrocal.NAMES`, b in rad/s; zero for held ones
-    is_same_recording : whether both calibrate one recording
+    saved, new: G and b
+    saved_covariance, new_covariance: (12, 12) of G and b in the order of `gyrocal.NAMES`, b in rad/s; zero for held ones
+    is_same_recording: whether both calibrate one recording
 
-    Raises
-    ------
-    InputError
-        A parameter is solved for in one of them and held in the other.
+    An `InputError` if a parameter is solved for in one of them and held in the other.
     """
     solved = np.diag(saved_covariance) > 0
     other = solved != (np.diag(new_covariance) > 0)

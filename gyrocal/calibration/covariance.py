@@ -73,13 +73,11 @@ def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:
 def compute_residual_covariance(R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array) -> Array:
     """Covariance V (3m, 3m) of m residuals.
 
-    Parameters
-    ----------
-    R : (m, 3, 3) rotation from the start of the interval to each residual
-    interval : (m,) interval of each residual; those of one are in the order of time
-    start, row : (m,) reference rows each residual starts from and ends at
-    noise : (all references, 3, 3) covariance of each about the body axes, rad²
-    walk : (m, 3, 3) covariance of the integrated gyro noise up to each residual, in the axes at the start, rad²
+    R: (m, 3, 3) rotation from the start of the interval to each residual
+    interval: (m,) interval of each residual; those of one are in the order of time
+    start, row: (m,) reference rows each residual starts from and ends at
+    noise: (all references, 3, 3) covariance of each about the body axes, rad²
+    walk: (m, 3, 3) covariance of the integrated gyro noise up to each residual, in the axes at the start, rad²
     """
     m = len(row)
     V = np.zeros((3 * m, 3 * m))
@@ -123,11 +121,9 @@ def model_covariance(
 ) -> Array:
     """Covariance V (3m, 3m) of m residuals under a model.
 
-    Parameters
-    ----------
-    R, interval, start, row, noise, walk : as in `compute_residual_covariance`
-    model : FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
-    given : (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
+    R, interval, start, row, noise, walk: as in `compute_residual_covariance`
+    model: FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
+    given: (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
     """
     if model == JOINT:
         return given[0].copy()
@@ -168,14 +164,11 @@ def whiten_chain(
 ) -> None:
     """Whiten columns along chains of residuals, and write the variance of each residual, rad².
 
-    Parameters
-    ----------
-    order : (n,) the residuals of one chain after another; a chain ends where the next interval does not go on from it
-    values : (3m, c) of all residuals
-    R, walk : of all residuals, and
-    references : interval, start, row and noise, as in `compute_residual_covariance`
-    out : (3n, c) for L⁻¹ values of these, L Lᵀ their covariance
-    variance : (m, 3) of all residuals
+    order: (n,) the residuals of one chain after another; a chain ends where the next interval does not go on from it
+    values: (3m, c) of all residuals
+    R, walk, references: interval, start, row and noise, of all residuals, as in `compute_residual_covariance`
+    out: (3n, c) for L⁻¹ values of these, L Lᵀ their covariance
+    variance: (m, 3) of all residuals
     """
     # Loops: what numpy allows of shapes and layouts would be most of the time to compile.
     interval, start, row, noise = references

@@ -51,7 +51,6 @@ Indices = NDArray[np.intp]
 
 logger = logging.getLogger(__name__)
 
-FORMS = ("", "linear_")  # of residuals, N (16) and N (29)
 SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
 
@@ -60,11 +59,9 @@ class Accumulation:
 
     Parameters are scaled by their plausible range inside, since W spans twelve decades in units of G and rad/s.
 
-    Parameters
-    ----------
-    columns : (p,) positions of the solved-for parameters among the twelve
-    apriori_covariance : (p, p) P₀, biases in rad/s and the others dimensionless, or None
-    apriori_error : (p,) x − x₀, zero at the first iteration
+    columns: (p,) positions of the solved-for parameters among the twelve
+    apriori_covariance: (p, p) P₀, biases in rad/s and the others dimensionless, or None
+    apriori_error: (p,) x − x₀, zero at the first iteration
     """
 
     def __init__(self, columns: Indices, apriori_covariance: Array | None = None, apriori_error: Array | None = None):
@@ -112,10 +109,10 @@ class RecursiveCalibrator:
         self.parameters = parameters
         self._space = select_parameter_space(parametrisation)
         self.names = select(solve_for, self._space.names)
-        self._build_columns = np.array([self._space.names.index(name) for name in self.names])
-        self._jacobian = self._space.jacobian(parameters)[:, self._build_columns]
+        self._columns = np.array([self._space.names.index(name) for name in self.names])
+        self._jacobian = self._space.jacobian(parameters)[:, self._columns]
         self._arw, self._psi = arw, psi
-        self._sums = Accumulation(self._build_columns, apriori_covariance)
+        self._sums = Accumulation(self._columns, apriori_covariance)
 
     def start(self, A_obs: Array, sigma: Array) -> None:
         """Begin a maneuver at the observed attitude A_obs (3, 3), with 1-sigma (3,) rad per body axis."""
@@ -140,7 +137,7 @@ class RecursiveCalibrator:
         """Corrected parameters, and the covariance (p, p) of those solved for, after the last maneuver, N (33)."""
         correction, P = self._sums.solve()
         x = self._space.vector(self.parameters)
-        x[self._build_columns] -= correction
+        x[self._columns] -= correction
         return self._space.parameters(x), P
 
 
@@ -209,27 +206,23 @@ def calibrate(
         raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
         apriori_covariance = _check_covariance(apriori_covariance, p, "the a-priori covariance")
-    if interval_covariance is not None and residual_covariance is not None:
-        raise InputError("give interval_covariance or residual_covariance, not both")
-    given = _check_interval_covariance(interval_covariance, len(recording.intervals))
     if recording.without_references:
         raise InputError("calibrate: the recording has no reference attitudes")
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
-    joint = _check_residual_covariance(residual_covariance, len(prepared.row))
-    problem = Problem.build(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
+    given = _select_given_covariance(interval_covariance, residual_covariance, len(recording.intervals), len(prepared.row))
+    problem = Problem.build(recording, prepared, names, psi, covariance_model, given, parametrisation)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(problem.columns >= 9)
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
     x0, columns = space.vector(start), problem.columns
     x, parameters = x0, start
     corrections: list[GyroParameters] = []
-    history: list[Array] = []
     converged = False
     first = state = _evaluate_problem(problem, recording, start, start)
     judged = evaluate_observability(state.H / problem.scale, plausible, names)
     prior_from = None if apriori_covariance is None else "given"
     if judged.unobservable and apriori_covariance is None:
-        if judged.is_undetermined:
+        if len(judged.unobservable) == p:
             raise UnobservableError(
                 _format_unobservable(recording, len(state.theta), judged.unobservable, ranges, problem),
                 judged.unobservable,
@@ -243,7 +236,6 @@ def calibrate(
         x = x - step
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
-        history.append(state.theta)
         state = _evaluate_problem(problem, recording, parameters, start)
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
@@ -254,6 +246,8 @@ def calibrate(
     J = space.jacobian(parameters)
     # A prior adds p equations and the solution takes p away.
     dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0)
+    off = (x - x0)[columns]
+    prior_chi2 = 0.0 if apriori_covariance is None else float(off @ np.linalg.solve(apriori_covariance, off))
     return CalibrationResult(
         recording=recording.title,
         parameters=parameters,
@@ -264,10 +258,9 @@ def calibrate(
         psi=psi,
         corrections=tuple(corrections),
         converged=converged,
-        residuals=tabulate_residuals(recording, prepared, first, state, FORMS),
-        history=(*history, state.theta),
+        residuals=tabulate_residuals(recording, prepared, first, state),
         observability=judged,
-        chi2=state.chi2 + _compute_prior_chi2(x - x0, columns, apriori_covariance),
+        chi2=state.chi2 + prior_chi2,
         dof=dof,
         options={
             "step_s": step_s or recording.gyro.sample_s,
@@ -310,7 +303,7 @@ def residual_table(
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
     state = _evaluate_problem(Problem.build(recording, prepared, psi=psi), recording, parameters, parameters)
-    table = tabulate_residuals(recording, prepared, state, state, FORMS)
+    table = tabulate_residuals(recording, prepared, state, state)
     return table[[column for column in table.columns if not column.startswith("after")]]
 
 
@@ -327,26 +320,20 @@ def _check_covariance(value: Array, size: int, what: str) -> Array:
     raise InputError(f"{what} must be symmetric and positive definite")
 
 
-def _check_interval_covariance(value: Array | None, intervals: int) -> Array | None:
-    if value is None:
+def _select_given_covariance(
+    interval_covariance: Array | None, residual_covariance: Array | None, intervals: int, residuals: int
+) -> Array | None:
+    """The one of both that is given, checked: (intervals, 3, 3), or (3m, 3m) of m residuals."""
+    if residual_covariance is not None:
+        if interval_covariance is not None:
+            raise InputError("give interval_covariance or residual_covariance, not both")
+        what = f"residual_covariance, three rows for each of {residuals} residuals,"
+        return _check_covariance(residual_covariance, 3 * residuals, what)
+    if interval_covariance is None:
         return None
-    if np.shape(value) != (intervals, 3, 3):
+    if np.shape(interval_covariance) != (intervals, 3, 3):
         raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
-    return np.array([_check_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
-
-
-def _check_residual_covariance(value: Array | None, residuals: int) -> Array | None:
-    if value is None:
-        return None
-    size = 3 * residuals
-    return _check_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
-
-
-def _compute_prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
-    """(x − x₀)ᵀ P₀⁻¹ (x − x₀), zero without a prior."""
-    if apriori_covariance is None:
-        return 0.0
-    return float(change[columns] @ np.linalg.solve(apriori_covariance, change[columns]))
+    return np.array([_check_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(interval_covariance)])
 
 
 def _format_unobservable(

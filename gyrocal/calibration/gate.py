@@ -25,21 +25,15 @@ USUAL_REASONS = (
 
 
 class LargeResidualError(InputError):
-    """A residual is too large to be corrected by linearisation.
+    """A residual is too large to be corrected by linearisation."""
 
-    Attributes
-    ----------
-    angle : of the residual, rad; infinite where the rates cannot be propagated
-    output : its place among all
-    start : recording, G (3, 3) and bias (3,) rad/s from which `gyrocal.importing.explain_refusal` finds a reading that fits
-    """
-
+    # recording, G (3, 3) and bias (3,) rad/s from which `gyrocal.importing.explain_refusal` finds a reading that fits
     start: tuple[Recording, Array, Array] | None = None
 
     def __init__(self, message: str, angle: float = np.inf, output: int = 0):
         super().__init__(message)
-        self.angle = angle
-        self.output = output
+        self.angle = angle  # of the residual, rad; infinite where the rates cannot be propagated
+        self.output = output  # its place among all
 
 
 def check(theta: Array) -> None:
@@ -59,12 +53,8 @@ def build_refusal(
 ) -> LargeResidualError:
     """The same error with the interval and the time, and a bias that differs between rests if that explains it.
 
-    Parameters
-    ----------
-    error : of `check`
-    recording : what was recorded
-    interval, t_s : name of the interval, and time of the reference attitude, s since the epoch
-    G, bias : (3, 3), (3,) rad/s that the calibration starts from
+    interval, t_s: name of the interval, and time of the reference attitude, s since the epoch
+    G, bias: (3, 3), (3,) rad/s that the calibration starts from
     """
     gyro, references, where = recording.gyro, recording.attitudes, f"interval {interval}, t_s = {t_s}: "
     rates = gyro.rates @ G.T

@@ -114,10 +114,7 @@ SPACES: dict[str, ParameterSpace] = {
 
 
 def select_parameter_space(parametrisation: str) -> ParameterSpace:
-    """The parametrisation of a name.
-
-    An `InputError` if there is none of that name.
-    """
+    """The parametrisation of a name. An `InputError` if there is none of that name."""
     if parametrisation not in SPACES:
         raise InputError(f"unknown parametrisation {parametrisation!r}; known: {', '.join(SPACES)}")
     return SPACES[parametrisation]

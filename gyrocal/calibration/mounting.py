@@ -95,12 +95,10 @@ class Mounting:
 def compute_mounting(G: Array, covariance: Array, apriori_G: Array, plausible_G: float) -> Mounting:
     """Decompose G into mounting and scale.
 
-    Parameters
-    ----------
-    G : (3, 3) calibrated, not singular
-    covariance : (9, 9) of G by rows
-    apriori_G : (3, 3) that the calibration started from
-    plausible_G : plausible range of an element of G; a rotation with a sigma beyond its 1/sqrt(2) is not determined, since
+    G: (3, 3) calibrated, not singular
+    covariance: (9, 9) of G by rows
+    apriori_G: (3, 3) that the calibration started from
+    plausible_G: plausible range of an element of G; a rotation with a sigma beyond its 1/sqrt(2) is not determined, since
         its prior then has as much weight as the data
     """
     R, S = scipy.linalg.polar(G)

@@ -93,13 +93,11 @@ def whiten_groups(
 ) -> tuple[Array, Array]:
     """L⁻¹ values (3m, c) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
 
-    Parameters
-    ----------
-    values : (3m, c) columns of the residuals
-    groups : (m,) residuals, group by group, one past the end of each group, and whether each is a chain to be whitened as one;
+    values: (3m, c) columns of the residuals
+    groups: (m,) residuals, group by group, one past the end of each group, and whether each is a chain to be whitened as one;
         with one V of all residuals there is one group
-    references : interval, start, row and noise as in `gyrocal.calibration.covariance.compute_residual_covariance`
-    walk, model, given : as in `gyrocal.calibration.covariance.model_covariance`
+    references: interval, start, row and noise as in `gyrocal.calibration.covariance.compute_residual_covariance`
+    walk, model, given: as in `gyrocal.calibration.covariance.model_covariance`
     """
     interval, start, row, noise = references
     order, ends, chained = groups
@@ -145,14 +143,11 @@ def iterate(
     Returns x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last
     without looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
 
-    Parameters
-    ----------
-    iterations : how many
-    x : (12,) parameters to start from
-    columns, scale : (p,) solved-for parameters and their scale
-    packed : increments, ends, last as in `gyrocal.calibration.propagation.propagate_packed`
-    groups, references, walk, model, given : as in `whiten_groups`
-    look_back : whether to propagate once more for the residuals after the last iteration
+    x: (12,) parameters to start from
+    columns, scale: (p,) solved-for parameters and their scale
+    packed: increments, ends, last as in `gyrocal.calibration.propagation.propagate_packed`
+    groups, references, walk, model, given: as in `whiten_groups`
+    look_back: whether to propagate once more for the residuals after the last iteration
     """
     increments, ends, last = packed
     arc = references[0]

@@ -8,7 +8,7 @@ makes every Θ of full rank, also where the motion never changes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -39,8 +39,8 @@ class Observability:
 
     singular_values: Array
     unobservable: tuple[str, ...]
-    directions: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    leads: Array = field(default_factory=lambda: np.zeros(0))
+    directions: Array
+    leads: Array
 
     @property
     def condition(self) -> float:
@@ -48,34 +48,9 @@ class Observability:
         low = self.singular_values[-1]
         return float(self.singular_values[0] / low) if low > 0 else float("inf")
 
-    @property
-    def is_undetermined(self) -> bool:
-        """Whether no combination at all is determined better than its plausible range."""
-        return len(self.unobservable) == len(self.singular_values)
-
-    def combination_sigmas(self, covariance: Array, plausible: Array) -> Array:
-        """Compute the 1-sigma (k,) of the combinations that are not found, in the unit of the first-named parameter of each.
-
-        Parameters
-        ----------
-        covariance : (p, p) of the solved-for parameters after the calibration
-        plausible : (p,) plausible range of each parameter
-        """
-        if not self.unobservable:
-            return np.zeros(0)
-        along = self.directions / plausible
-        return np.asarray(np.abs(self.leads) * np.sqrt(np.einsum("kp,pq,kq->k", along, covariance, along)))
-
 
 def evaluate_observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
-    """Judge a whitened sensitivity.
-
-    Parameters
-    ----------
-    whitened : (rows, p) V^(-1/2) Θ, columns in the order of names, per unit of G and per rad/s of b
-    plausible : (p,) plausible range of each parameter
-    names : the solved-for parameters
-    """
+    """Judge a whitened sensitivity V^(-1/2) Θ (rows, p), per unit of G and per rad/s of b, by plausible ranges (p,)."""
     p = len(names)
     rows = np.zeros((max(0, p - len(whitened)), p))
     _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)

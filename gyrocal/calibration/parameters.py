@@ -28,7 +28,7 @@ MISALIGNMENT_NAMES = tuple(f"G_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES i
 BIAS_NAMES = tuple(f"b_{i}" for i in AXIS_NAMES)
 
 
-def list_parameter_groups(names: tuple[str, ...] = NAMES) -> dict[str, tuple[str, ...]]:
+def list_parameter_groups(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Names that stand for several of twelve parameters: nine of a matrix by rows, then three biases."""
     return {
         "all": names,
@@ -70,20 +70,6 @@ class GyroParameters:
         """(12,) in the order of `NAMES`; G dimensionless, b in rad/s."""
         return np.concatenate([self.G.ravel(), self.bias])
 
-    @classmethod
-    def from_gyros(cls, bias: Array, scale_factor: Array, misalignment: Array) -> GyroParameters:
-        """Make parameters from the per-gyro form.
-
-        Parameters
-        ----------
-        bias : (3,) rad/s
-        scale_factor : (3,)
-        misalignment : (3, 3) rad, [i, j] of gyro i relative to body axis j; its diagonal is not used
-        """
-        G = np.array(misalignment, dtype=float)
-        np.fill_diagonal(G, scale_factor)
-        return cls(G, bias)
-
     @property
     def bias_deg_s(self) -> Array:
         """(3,) b, deg/s."""
@@ -98,14 +84,6 @@ class GyroParameters:
     def misalignment(self) -> Array:
         """(3, 3) rad, [i, j] of gyro i relative to body axis j, zero on the diagonal."""
         return np.asarray(self.G - np.diag(np.diag(self.G)))
-
-    def rates(self, raw: Array) -> Array:
-        """Adjusted rates G ω_raw + b of (n, 3) raw ones, rad/s."""
-        return np.asarray(raw @ self.G.T + self.bias)
-
-    def raw(self, rates: Array) -> Array:
-        """Raw rates G⁻¹(ω − b) of (n, 3) body rates, rad/s."""
-        return np.asarray(np.linalg.solve(self.G, (np.asarray(rates) - self.bias).T).T)
 
     def table(self) -> pd.DataFrame:
         """N Table 3's form: a row a gyro; degrees and deg/s."""

@@ -103,11 +103,9 @@ def estimate_plausible_ranges(
 ) -> PlausibleRanges:
     """Estimate the gyro's grade and with it the plausible ranges of G and b.
 
-    Parameters
-    ----------
-    recording : with its stated ARW
-    plausible_G, plausible_bias : ranges that are stated in place of those of the grade; the latter in rad/s
-    use_rests : whether rests may correct the grade; a prediction must not see later references
+    recording: with its stated ARW
+    plausible_G, plausible_bias: ranges that are stated in place of those of the grade; the latter in rad/s
+    use_rests: whether rests may correct the grade; a prediction must not see later references
     """
     arw = recording.gyro.arw / DEG_SQRT_H
     place = next(k for k, (_, largest, *_) in enumerate(RANGES) if arw <= largest)

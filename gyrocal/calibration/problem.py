@@ -99,8 +99,8 @@ class Problem:
     names: tuple[str, ...] = NAMES  # solved-for parameters
     psi: Psi = "full"  # "full" or "linear"
     model: str = "full"  # covariance model, or "given"
-    given: Array | None = None  # (intervals, 3, 3) C of each interval's residuals, with "given"
-    joint: Array | None = None  # (3m, 3m) V of all residuals, with "given", in place of `given`
+    # with "given": (intervals, 3, 3) C of each interval's residuals, or (3m, 3m) V of all residuals
+    given: Array | None = None
     # "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
     parametrisation: Parametrisation = "gain"
 
@@ -113,14 +113,13 @@ class Problem:
         psi: Psi = "full",
         model: CovarianceModel = "full",
         given: Array | None = None,
-        joint: Array | None = None,
         parametrisation: Parametrisation = "gain",
     ) -> "Problem":
         """Prepare a recording."""
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-        code = model if given is None and joint is None else "given"
+        code = model if given is None else "given"
         noise = recording.attitudes.compute_covariance()
-        return cls(measurements, A, noise, recording.gyro.arw, names, psi, code, given, joint, parametrisation)
+        return cls(measurements, A, noise, recording.gyro.arw, names, psi, code, given, parametrisation)
 
     @cached_property
     def columns(self) -> Indices:
@@ -137,7 +136,7 @@ class Problem:
     def groups(self) -> tuple[Indices, Indices]:
         """Residuals group by group, and one past the end of each group, of those that correlate."""
         made = self.measurements
-        if self.joint is not None:
+        if self._model[0] == JOINT:
             return np.arange(len(made.row)), np.array([len(made.row)])
         return group_residuals(made.arcs.arc, made.start, made.row)
 
@@ -160,10 +159,8 @@ class Problem:
 
     @cached_property
     def _model(self) -> tuple[int, Array]:
-        if self.joint is not None:
-            return JOINT, np.ascontiguousarray(self.joint)[None]
         given = np.zeros((0, 3, 3)) if self.given is None else np.ascontiguousarray(self.given)
-        return MODEL_CODES[self.model], given
+        return (JOINT, given[None]) if given.ndim == 2 else (MODEL_CODES[self.model], given)
 
     def covariance(self, R: Array, rows: Indices) -> Array:
         """V (3k, 3k) of some residuals (k,) of one group, with R (k, 3, 3) there, rad²."""
@@ -177,25 +174,12 @@ class Problem:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
-        return self.compute_state(propagation.R, self._compute_sensitivity(propagation.S, parameters))
-
-    def compute_state(self, R: Array, Theta: Array) -> State:
-        """Compute residuals and whiten them.
-
-        A `gyrocal.calibration.gate.LargeResidualError` if a residual is too large to be corrected by linearisation.
-
-        Parameters
-        ----------
-        R : (m, 3, 3) rotation from the start of the arc to each output
-        Theta : (3m, p) scaled sensitivity
-        """
-        prepared = self.measurements
-        A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
-        with np.errstate(over="ignore", invalid="ignore"):
+            R, prepared = propagation.R, self.measurements
+            A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
-        values = np.column_stack([Theta, theta.ravel()])
+        values = np.column_stack([self._compute_sensitivity(propagation.S, parameters), theta.ravel()])
         if self._chained.all():  # by itself: the covariances of other groups take as long to compile
             white, variance = np.empty_like(values), np.empty_like(theta)
             whiten_chain(self.groups[0], values, R, self.references, self.walk, white, variance)
@@ -214,12 +198,9 @@ class Problem:
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
         """A fixed number of iterations in (G, b) without a prior, compiled from end to end.
 
-        Parameters
-        ----------
-        x : (12,) parameters to start from
-        iterations : how many
-        psi : in place of the problem's
-        look_back : whether to propagate once more for the residuals after the last iteration; NaN without
+        x: (12,) parameters to start from
+        psi: in place of the problem's
+        look_back: whether to propagate once more for the residuals after the last iteration; NaN without
         """
         if self.parametrisation != "gain":
             raise InputError("compiled iterations are those of the parametrisation 'gain'")
@@ -257,16 +238,10 @@ class Problem:
         return new
 
 
-def tabulate_residuals(
-    recording: Recording, prepared: Measurements, before: State, after: State, forms: tuple[str, ...] = ("",)
-) -> "pd.DataFrame":
+def tabulate_residuals(recording: Recording, prepared: Measurements, before: State, after: State) -> "pd.DataFrame":
     """Tabulate residuals before and after a calibration, and what the covariance expects of each, a row an output, degrees.
 
-    Parameters
-    ----------
-    recording, prepared : what was calibrated
-    before, after : states at the start and at the end
-    forms : "" for the full rotation vector N (16), "linear_" for the linear form N (29)
+    Residuals stand in the full form N (16) and, as "linear", in the linear form N (29).
     """
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
@@ -274,12 +249,8 @@ def tabulate_residuals(
         "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
         "t_s": recording.attitudes.t_s[prepared.row],
     }
-    for label, state in (("before", before), ("after", after)):
-        values = {"": state.theta, "linear_": state.theta_linear}
-        for form in forms:
-            columns |= _label_by_axis(f"{label}_{form}", values[form])
-    return pd.DataFrame(columns | _label_by_axis("sigma_", after.sigma))
-
-
-def _label_by_axis(label: str, values: Array) -> dict[str, Array]:
-    return {f"{label}{name}_deg": np.rad2deg(values[:, k]) for k, name in enumerate(ROTATION_NAMES)}
+    values = {"before": before.theta, "before_linear": before.theta_linear}
+    values |= {"after": after.theta, "after_linear": after.theta_linear, "sigma": after.sigma}
+    for label, angles in values.items():
+        columns |= {f"{label}_{name}_deg": np.rad2deg(angles[:, k]) for k, name in enumerate(ROTATION_NAMES)}
+    return pd.DataFrame(columns)

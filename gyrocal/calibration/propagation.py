@@ -297,11 +297,9 @@ def propagate_packed(
 ) -> tuple[Array, Array]:
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
 
-    Parameters
-    ----------
-    increments : packed [ω_raw Δt, Δt], which are the regressors times Δt as well
-    ends : one past the last step of each piece
-    last, arc : of the outputs, as in `Arcs`
+    increments: packed [ω_raw Δt, Δt], which are the regressors times Δt as well
+    ends: one past the last step of each piece
+    last, arc: of the outputs, as in `Arcs`
     """
     out = np.zeros((len(increments), 45, LANES))  # of the lanes: P = I (0–8), S = 0 (9–44)
     for batch in range(len(increments)):

@@ -74,11 +74,6 @@ def add_remainder(recording: Recording, result: CalibrationResult) -> Calibratio
     """Return the same calibration with its remainder estimated.
 
     Returns the result as it was, without a remainder, where a covariance was given: its residuals have other covariances.
-
-    Parameters
-    ----------
-    recording : as calibrated
-    result : of `gyrocal.calibrate`
     """
     if result.covariance_model == "given":
         return result
@@ -91,14 +86,7 @@ def add_remainder(recording: Recording, result: CalibrationResult) -> Calibratio
 
 
 def estimate_remainder(recording: Recording, problem: Problem, result: CalibrationResult) -> Remainder:
-    """Estimate the processes of a remainder, and the covariance of the parameters with them.
-
-    Parameters
-    ----------
-    recording : as calibrated
-    problem : of its references
-    result : of its calibration
-    """
+    """Estimate the processes of a remainder, and the covariance of the parameters with them."""
     state = problem.state(result.parameters)
     paths = build_paths(recording, problem, result)
     columns = problem.columns
@@ -160,14 +148,9 @@ class Paths:
         return np.unique(np.concatenate([self.start, self.row]))
 
     def gather(self, process: Process, member: int, K: Array) -> Array:
-        """Compute Mᵀ K (n, p), with M (3m, n) the residuals by each value of one member of a process, in linear time.
+        """Compute Mᵀ K (n, p), with M (3m, n) the residuals by each value of one member of a process, K (3m, p).
 
         Values are errors of a parameter in each stretch, or errors of each used reference.
-
-        Parameters
-        ----------
-        process, member : one process
-        K : (3m, p) residual by residual
         """
         K = K.reshape(len(self.R), 3, -1)
         at_start = np.einsum("aji,ajp->aip", self.R, K)
@@ -225,13 +208,7 @@ def choose_time_scales(stretches: Stretches) -> tuple[float, ...]:
 
 
 def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
-    """List the processes whose sizes the residuals may be able to tell, of unit variance.
-
-    Parameters
-    ----------
-    scales : finite time scales, s, ascending
-    dof : degrees of freedom of the residuals
-    """
+    """List the processes, of unit variance, whose sizes residuals may be able to tell; finite scales ascend, s."""
     if dof < FEWEST_FOR_PROCESSES:
         return ()
     middle = scales[len(scales) // 2]
@@ -268,15 +245,7 @@ def count_effective(components: Sequence[Array]) -> int:
 def _estimate_sizes(
     paths: Paths, theta: Array, Theta: Array, problem: Problem
 ) -> tuple[VarianceComponents, tuple[Process, ...], int, int]:
-    """Estimate the sizes of the processes that the residuals show, with these, the degrees of freedom and `count_effective`.
-
-    Parameters
-    ----------
-    paths : of m residuals
-    theta : (m, 3) rad
-    Theta : (3m, p) sensitivity to the solved-for parameters
-    problem : whose noise is stated
-    """
+    """Sizes of the processes that residuals theta (m, 3) rad show, these, the degrees of freedom and `count_effective`."""
     L = np.linalg.cholesky(problem.covariance(paths.R, paths.kept))
 
     def whiten(values: Array) -> Array:

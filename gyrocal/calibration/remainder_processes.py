@@ -175,10 +175,8 @@ def correlate_references(process: Process, t_s: Array, others_s: Array) -> Array
 def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
     """Compute u (m, 3, 12), the attitude error in the start's axes per unit parameter error from the output before to each.
 
-    Parameters
-    ----------
-    R, Theta : (m, 3, 3) rotation and (m, 3, 12) sensitivity since the interval's start, by interval in the order of time
-    interval : (m,) number of each output's interval
+    R, Theta: (m, 3, 3) rotation and (m, 3, 12) sensitivity since the interval's start, by interval in the order of time
+    interval: (m,) number of each output's interval
     """
     cumulative = np.einsum("mji,mjp->mip", R, Theta)
     turns = cumulative.copy()

@@ -13,15 +13,19 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration.estimated_noise import compute_chi2_p
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
-from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
 from gyrocal.calibration.mounting import Mounting, compute_mounting
-from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability
+from gyrocal.calibration.observability import BIAS_LETTERS, Observability
 from gyrocal.calibration.parameters import AXIS_NAMES, NAMES, GyroParameters
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Remainder
-from gyrocal.calibration.verdict import CalibrationVerdict, decide_verdict
+from gyrocal.calibration.verdict import (
+    CalibrationVerdict,
+    decide_verdict,
+    find_combinations_lost_to_misfit,
+    find_implausible_values,
+)
 from gyrocal.errors import InputError
 from gyrocal.recording.recording_data import format_html, format_text
 
@@ -54,7 +58,6 @@ class CalibrationResult:
     converged : the last correction was within the tolerance
     residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
         vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
-    history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
     observability : singular values and combinations not found
     options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter, iterations), for the
         record
@@ -79,16 +82,15 @@ class CalibrationResult:
     corrections: tuple[GyroParameters, ...]
     converged: bool
     residuals: pd.DataFrame
-    history: tuple[Array, ...]
     observability: Observability
     chi2: float
     dof: int
     options: Mapping[str, Any]
-    parametrisation: Parametrisation = "gain"
-    attenuation: Array | None = None
-    plausible: PlausibleRanges | None = None
+    parametrisation: Parametrisation
+    attenuation: Array | None
+    plausible: PlausibleRanges
+    noise_degrees: float
     remainder: Remainder | None = None
-    noise_degrees: float = float("inf")
 
     @property
     def G(self) -> Array:
@@ -145,33 +147,31 @@ class CalibrationResult:
     @property
     def unobservable_sigma(self) -> tuple[float, ...]:
         """1-sigma of each combination not found, in the unit of the parameter it begins with; biases in rad/s."""
-        if self.plausible is None or not self.observability.unobservable:
+        if not self.observability.unobservable:
             return ()
-        columns, covariance = self._select_solved()
-        return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
+        ranges, covariance = self._select_solved()
+        along = self.observability.directions / ranges
+        sigma = np.abs(self.observability.leads) * np.sqrt(np.einsum("kp,pq,kq->k", along, covariance, along))
+        return tuple(sigma.tolist())
 
-    def _select_solved(self) -> tuple[Indices, Array]:
-        """Places (p,) of the solved-for parameters among the twelve, and their covariance (p, p)."""
+    def _select_solved(self) -> tuple[Array, Array]:
+        """Plausible ranges (p,) of the solved-for parameters, and their covariance (p, p)."""
         names = select_parameter_space(self.parametrisation).names
         columns = np.array([names.index(name) for name in self.solved_for])
-        return columns, self.own_covariance[np.ix_(columns, columns)]
+        return self.plausible.vector(columns >= 9), self.own_covariance[np.ix_(columns, columns)]
 
     @cached_property
     def mounting(self) -> Mounting:
         """Mounting of the gyro in the body, and scale, from G by polar decomposition."""
-        plausible_G = PLAUSIBLE_RANGE[0] if self.plausible is None else self.plausible.G
-        return compute_mounting(self.G, self.covariance[:9, :9], self.initial.G, plausible_G)
+        return compute_mounting(self.G, self.covariance[:9, :9], self.initial.G, self.plausible.G)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Values that no gyro of this grade has, a sentence each."""
-        if self.plausible is None:
-            return ()
-        found = find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
+        found = tuple(find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible))
         if self.options.get("prior_from") is not None:
             return found
-        columns, covariance = self._select_solved()
-        ranges = self.plausible.vector(columns >= 9)
+        ranges, covariance = self._select_solved()
         return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
 
     @cached_property
@@ -306,7 +306,7 @@ class CalibrationResult:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
-        sigma = self.sigma * DEGREES
+        found, sigma = self.remainder, self.sigma * DEGREES
         times = self.residuals[["interval", "t_s"]].to_dict("records")
         both = zip(*(self._select_residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
         rows = [row | {"before_deg": a, "after_deg": b} for row, (a, b) in zip(times, both, strict=True)]
@@ -331,7 +331,7 @@ class CalibrationResult:
             "unobservable": list(self.observability.unobservable),
             "unobservable_sigma": self._convert_unobservable_sigma(),
             "undetermined_parameters": list(self.undetermined),
-            "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
+            "plausible_ranges": self.plausible.to_json(),
             "mounting": self.mounting.to_json(),
             "warnings": list(self.warnings),
             "verdict": asdict(self.verdict),
@@ -343,14 +343,7 @@ class CalibrationResult:
             "options": dict(self.options),
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
-            **self._format_remainder(),
-        }
-
-    def _format_remainder(self) -> dict[str, Any]:
-        """Both sigmas, the recommended one and the remainder; null where it was not estimated."""
-        found = self.remainder
-        return {
-            "sigma_nominal": (self.sigma * DEGREES).tolist(),
+            "sigma_nominal": sigma.tolist(),
             "sigma_with_remainder": None if found is None else (found.sigma * DEGREES).tolist(),
             "covariance_with_remainder": None if found is None else _convert_covariance(found.covariance).tolist(),
             "recommended": self.recommended,

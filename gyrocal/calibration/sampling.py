@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration.propagation import Arcs
 from gyrocal.errors import InputError
-from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
+from gyrocal.recording import GyroStream, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -49,12 +49,9 @@ def prepare_measurements(
 
     Raises an `InputError` if gyro samples are missing in an interval or step_s is not a multiple of the sample.
 
-    Parameters
-    ----------
-    recording : the recording
-    step_s : propagation step, a whole multiple of the sample; the sample itself by default
-    resampling : how a coarser step is made, see the module
-    max_gap_s : longest gap that is bridged by holding the last sample; half a sample by default
+    step_s: propagation step, a whole multiple of the sample; the sample itself by default
+    resampling: how a coarser step is made, see the module
+    max_gap_s: longest gap that is bridged by holding the last sample; half a sample by default
     """
     gyro = recording.gyro
     factor = _factor(step_s, gyro.sample_s)
@@ -62,30 +59,18 @@ def prepare_measurements(
         raise InputError(f"the longest gap must be a finite time of zero or more seconds, not {max_gap_s:g}")
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
     parts: list[tuple[NDArray[Any], ...]] = []
-    steps = fine_steps = 0
-    held_s = 0.0
+    steps, fine_steps, held_s = 0, 0, 0.0
     for number, interval in enumerate(recording.intervals):
         rows = find_reference_rows(recording.attitudes.t_s, interval)
         times = recording.attitudes.t_s[rows]
-        low, tags = find_covering_samples(gyro, interval, times, limit)
-        fine_dt, stretch, ends = cut_at(tags, times)
-        fine, outputs = _group_steps(ends, factor)
+        low, tags = find_covering_samples(gyro, interval.name, times, limit)
+        fine_dt, stretch, cuts = cut_at(tags, times)
+        fine, outputs = _group_steps(cuts, factor)
         dt = np.add.reduceat(fine_dt, fine)
         arc = np.full(rows.size - 1, number)
-        ends_of = (steps + outputs[:-1], steps + outputs[1:])
-        parts.append(
-            (
-                fine_dt,
-                low + stretch,
-                dt,
-                fine_steps + fine,
-                *ends_of,
-                arc,
-                np.full_like(arc, rows[0]),
-                rows[1:],
-                times[1:] - times[0],
-            )
-        )
+        references = np.full_like(arc, rows[0]), rows[1:], times[1:] - times[0]
+        ends = steps + outputs[:-1], steps + outputs[1:]
+        parts.append((fine_dt, low + stretch, dt, fine_steps + fine, *ends, arc, *references))
         held_s += float(np.sum(np.diff(tags)[np.diff(tags) > 1.5 * gyro.sample_s] - gyro.sample_s))
         steps += len(dt)
         fine_steps += len(fine_dt)
@@ -119,19 +104,16 @@ def _group_steps(ends: Indices, factor: int) -> tuple[Indices, Indices]:
     return np.concatenate(firsts), np.concatenate([[0], np.cumsum([len(part) for part in firsts])])
 
 
-def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
+def find_covering_samples(gyro: GyroStream, name: str, times: Array, max_gap_s: float) -> tuple[int, Array]:
     """Gyro samples that hold between the first and the last of some times.
 
     An `InputError` if they do not cover the times, or have a gap.
 
     Returns the first sample used, and the tags of all used with the end of the last.
 
-    Parameters
-    ----------
-    gyro : the stream
-    interval : whose name an error is to tell
-    times : (n,) ascending, s
-    max_gap_s : longest time from a tag to the next
+    name: of the interval in an error
+    times: (n,) ascending, s
+    max_gap_s: longest time from a tag to the next
     """
     t = gyro.t_s
     # The sample that holds times[0] is the last to start at or before it.
@@ -139,7 +121,7 @@ def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, ma
     high = int(np.searchsorted(t, times[-1] - TAG_ROUNDING * gyro.sample_s, side="left"))
     if low < 0 or times[0] - t[low] > max_gap_s or low >= high:
         raise InputError(
-            f"interval {interval.name}: no gyro sample covers its first reference attitude at {times[0]} s; "
+            f"interval {name}: no gyro sample covers its first reference attitude at {times[0]} s; "
             f"the gyro stream runs from {t[0]} s to {t[-1] + gyro.sample_s} s"
         )
     following = t[high] if high < t.size else np.inf
@@ -148,7 +130,7 @@ def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, ma
     if gaps.size:
         k = gaps[0]
         raise InputError(
-            f"interval {interval.name}: no gyro samples between {tags[k] + gyro.sample_s} s and {tags[k + 1]} s "
+            f"interval {name}: no gyro samples between {tags[k] + gyro.sample_s} s and {tags[k + 1]} s "
             f"({gaps.size} such gap(s), the longest {np.diff(tags).max() - gyro.sample_s:g} s); split the interval there; "
             "a calibration alone can hold the last rate so long (max_gap_s; gyrocal calibrate --max-gap)"
         )
@@ -160,10 +142,8 @@ def cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
 
     Returns durations of the steps, the stretch each belongs to, and the step counts at the wanted times.
 
-    Parameters
-    ----------
-    edges : (k + 1,) start of each stretch and the end of the last, ascending, s
-    times : (n,) ascending, the first and the last within the edges, s
+    edges: (k + 1,) start of each stretch and the end of the last, ascending, s
+    times: (n,) ascending, the first and the last within the edges, s
     """
     inside = edges[(edges > times[0]) & (edges < times[-1])]
     nearest = np.clip(np.searchsorted(times, inside), 1, len(times) - 1)

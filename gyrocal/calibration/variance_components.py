@@ -17,7 +17,7 @@ ratios ρ_k = θ_k/φ, D = I + Σ_k ρ_k M_k and a = D⁻¹ y,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -46,20 +46,12 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
 
     Components that the residuals do not need have variance 0.
 
-    Parameters
-    ----------
-    residuals : (N,) whitened by the stated noise, the estimated parameters projected out
-    components : K arrays (N, r_k), columns of each process of unit variance, treated in the same way
-    dof : d, degrees of freedom of the residuals
+    residuals: (N,) whitened by the stated noise, the estimated parameters projected out
+    components: K arrays (N, r_k), columns of each process of unit variance, treated in the same way; none is zero
+    dof: d, degrees of freedom of the residuals
     """
     power = float(residuals @ residuals)
     each = np.array([float(np.square(part).sum()) for part in components])
-    if (each <= 0).any():  # a component without effect on the residuals has no size
-        kept = np.flatnonzero(each > 0).tolist()
-        found_ones = estimate_variance_components(residuals, [components[k] for k in kept], dof)
-        variances = np.zeros(len(components))
-        variances[kept] = found_ones.variances
-        return replace(found_ones, variances=variances)
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
     lower = list_lower_places(residuals.size)
     kernels = np.array([(part @ part.T).ravel()[lower] for part in components]).reshape(len(components), lower.size)

@@ -2,46 +2,52 @@
 
 Two tests ask whether the residuals fit the stated noise: the χ² of all of them, and the likelihood ratio of a remainder. The
 second also sees errors that last while the size of the residuals is as stated. The residuals fit if neither test rejects.
+
+A calibration whose tables are read wrongly may still converge. Its values then are what no gyro of its grade has, and the
+reader must learn of it before anything else.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gyrocal.calibration.mounting import Mounting
+from gyrocal.calibration.observability import evaluate_observability, list_combinations
+from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 
 if TYPE_CHECKING:
     from gyrocal.calibration.result import CalibrationResult
 
+Array = NDArray[np.float64]
 Belief = Literal["yes", "with_wider_sigmas", "no", "unchecked"]
 Fit = Literal["fits", "larger", "other_noise", "smaller", "untested"]
 
 DOUBT = 0.01  # p-value below which the residuals are too large, and above one minus which too small
 WEAK_TEST = 10  # degrees of freedom, below which χ² rejects large errors only
 SMALLEST_P_VALUE = 1e-99  # p-value that is written out
+SIGNIFICANT_SCALE = 3.0  # sigma, beyond which a scale error is the data's and not of what they leave open
+LARGEST_SCALE_ERROR = 0.1  # MEMS data sheets state sensitivities to 3 to 6 %
+LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes are not mounted as assumed
+LARGEST_BIAS = 3.0  # plausible ranges of the grade
+REST_RANGES = 0.1  # plausible ranges, by which b may be off the rests
+IMPLAUSIBLE_REST_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
 class CalibrationVerdict:
-    """Verdict on a calibration.
+    """Verdict on a calibration."""
 
-    Attributes
-    ----------
-    belief : whether to believe the calibration; "unchecked" without degrees of freedom
-    sigmas : "nominal" or "with_remainder", those that apply
-    fit : residuals against the stated noise: "other_noise" if only a remainder is significant
-    summary : what to use, a sentence
-    reasons : a sentence or more each; exactly one is on the fit
-    """
-
-    belief: Belief
-    sigmas: str
-    fit: Fit
-    summary: str
-    reasons: tuple[str, ...]
+    belief: Belief  # whether to believe it; "unchecked" without degrees of freedom
+    sigmas: str  # "nominal" or "with_remainder", those that apply
+    fit: Fit  # residuals against the stated noise: "other_noise" if only a remainder is significant
+    summary: str  # what to use, a sentence
+    reasons: tuple[str, ...]  # a sentence or more each; exactly one is on the fit
 
 
 def decide_verdict(result: CalibrationResult) -> CalibrationVerdict:
@@ -121,3 +127,73 @@ def list_misfit_reasons(result: CalibrationResult) -> list[str]:
         out.append("gyro noise, which this covariance leaves out")
     out += ["sigmas or ARW stated too small", "gyro time tags (a sample is tagged at its start)", "a bad reference attitude"]
     return [*out, "an effect that is not modelled (gyrocal diagnose looks for one)"]
+
+
+def find_implausible_values(
+    mounting: Mounting, G: Array, bias: Array, sigma_bias: Array, plausible: PlausibleRanges
+) -> Iterator[str]:
+    """Find values that no gyro of this grade has: a sentence each, with what to check.
+
+    mounting, G: (3, 3) calibrated G, and its decomposition
+    bias, sigma_bias: (3,) calibrated b and its 1-sigma, rad/s
+    """
+    scale, sigma = np.diag(mounting.S), np.diag(mounting.sigma_S)
+    off = [k for k in range(3) if abs(scale[k] - 1) > max(LARGEST_SCALE_ERROR, SIGNIFICANT_SCALE * sigma[k])]
+    if off:
+        named = ", ".join(f"{'xyz'[k]} {scale[k]:.4g} ± {sigma[k]:.1g}" for k in off)
+        yield (
+            f"The scale factor of {named} is off by more than {100 * LARGEST_SCALE_ERROR:.0f} %. "
+            "Check the unit of the rates and the size of a count (--lsb)."
+        )
+    if mounting.change > LARGEST_ROTATION:
+        yield (
+            f"The gyro is mounted {np.rad2deg(mounting.change):.3g} deg away from the stated axes. "
+            "Check the order and signs of the axes and the direction of the attitudes, or import with --mounting estimate."
+        )
+    worst = int(np.argmax(np.abs(bias)))
+    times = abs(bias[worst]) / plausible.bias
+    if times > LARGEST_BIAS:
+        yield (
+            f"The bias b_{'xyz'[worst]} of {np.rad2deg(bias[worst]):.4g} deg/s is {times:.3g} times the plausible range of the "
+            f"{plausible.grade} grade ({plausible.bias_deg_h:.3g} deg/h). "
+            "Check whether the readings have an offset of their own."
+        )
+    if plausible.rest is None:
+        return
+    error = bias - plausible.rest.bias(G)
+    allowed = np.maximum(REST_RANGES * plausible.bias, IMPLAUSIBLE_REST_SIGMAS * np.hypot(sigma_bias, plausible.rest.sigma))
+    worst = int(np.argmax(np.abs(error) / allowed))
+    if abs(error[worst]) > allowed[worst]:
+        yield (
+            f"The bias b_{'xyz'[worst]} is {np.rad2deg(error[worst]):.3g} deg/s off the bias in the rests. "
+            "Check the time tags, and whether the reference attitudes are good while the body moves."
+        )
+
+
+def find_combinations_lost_to_misfit(
+    covariance: Array, ranges: Array, names: tuple[str, ...], chi2: float, dof: int
+) -> tuple[str, ...]:
+    """Find combinations whose sigma exceeds the plausible range once it is widened by the size of the residuals.
+
+    Residuals that exceed the stated noise widen all sigmas by sqrt(χ²/dof) at least (the Birge ratio).
+
+    Returns one sentence, or nothing.
+
+    covariance: (p, p) of the solved-for parameters by the stated noise, without a prior
+    ranges: (p,) plausible range of each
+    chi2, dof: of the residuals after the calibration
+    """
+    if dof <= 0 or chi2 <= dof:
+        return ()
+    wider = float(np.sqrt(chi2 / dof))
+    scaled = covariance / np.outer(ranges, ranges)
+    values, directions = np.linalg.eigh(scaled)
+    whitened = directions.T / (np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None] * wider)
+    lost = evaluate_observability(whitened / ranges, ranges, names).unobservable
+    if not lost:
+        return ()
+    return (
+        f"With sigmas wider by √(χ²/dof) = {wider:.3g}, {len(lost)} of {len(names)} parameter combinations are not determined "
+        "to within their plausible ranges: "
+        f"{list_combinations(lost)}. Do not use their values.",
+    )

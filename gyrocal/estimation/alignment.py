@@ -57,8 +57,7 @@ from gyrocal.estimation.arc import (
     linearise,
     list_measured_times,
 )
-from gyrocal.estimation.batch import Weighting, batch
-from gyrocal.estimation.batch_observability import check_observable, find_free_directions, format_free_direction
+from gyrocal.estimation.batch import Weighting, batch, check_observable, find_free_directions, format_free_direction
 from gyrocal.estimation.least_squares import accumulate_by_increment
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel
@@ -78,21 +77,18 @@ class AlignmentResult:
 
     Attributes
     ----------
-    algorithm : "together", or "in two steps"
     reference : name of the sensor whose M is held
     models : the sensor models with what was found
     names : (q,) solved-for parameters, "sensor parameter"
     covariance : (q, q) about the mean, rad²; of a rotation M the error is m in exp([m×]) M
     retained : (q, q) T_k, how much of the true parameters the mean of the estimate holds; the identity if unbiased
     epoch_s, attitude, bias : (3, 3) attitude at the epoch and (3,) rad/s, under the sensors found
-    loss_before, loss_after : square sum of the residuals in sigmas, with the sensors as given and as found; with exact
-        weights that of the gyro's noise too
+    loss_after : square sum of the residuals in sigmas; with exact weights that of the gyro's noise too
     dof : degrees of freedom of loss_after
     rounds : how often both steps were made; 1 for all together
     unobservable : what the measurements leave free if no sensor is held, in words
     """
 
-    algorithm: str
     reference: str
     models: tuple[SensorModel, ...]
     names: tuple[str, ...]
@@ -101,7 +97,6 @@ class AlignmentResult:
     epoch_s: float
     attitude: Array
     bias: Array
-    loss_before: float
     loss_after: float
     dof: int
     rounds: int
@@ -160,7 +155,6 @@ def align_together(
     found = batch(series, gyro, start, free=free, epoch_s=epoch_s, weighting=weighting)
     q = len(found.names)
     return AlignmentResult(
-        algorithm="together",
         reference=reference,
         models=found.models,
         names=found.names,
@@ -169,7 +163,6 @@ def align_together(
         epoch_s=found.epoch_s,
         attitude=found.attitude,
         bias=found.bias,
-        loss_before=batch(series, gyro, start, epoch_s=epoch_s, weighting=weighting).chi2,
         loss_after=found.chi2,
         dof=found.dof,
         rounds=1,
@@ -209,11 +202,10 @@ def align_in_two_steps(
     epoch = float(list_measured_times(series).min()) if epoch_s is None else float(epoch_s)
     path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
     at_epoch = path.node(np.array([epoch]))[0]
-    attitude, present, losses = start, tuple(series), []
+    attitude, present = start, tuple(series)
     for done in range(1, limit + 1):
         first = batch(present, gyro, attitude, epoch_s=epoch, weighting="plain")
-        losses.append(first.chi2)
-        fixed = _propagate_back(path, first.bias, epoch, first.attitude, first.models)
+        fixed = path.carry_back(epoch, first.attitude, first.bias, first.models)
         if done == 1:
             check_observable(linearise(path, series, fixed, solved).rows, fixed.C[0], solved.names)
         estimate, state, change = _solve_second_step(path, series, fixed, solved)
@@ -229,7 +221,6 @@ def align_in_two_steps(
     walk = accumulate_by_increment(state.rows, gain, len(path.t)) * path.q[:, None, None]
     walk_flat = walk.transpose(1, 0, 2).reshape(len(gain), -1)
     return AlignmentResult(
-        algorithm="in two steps",
         reference=reference,
         models=estimate.models,
         names=solved.names,
@@ -238,7 +229,6 @@ def align_in_two_steps(
         epoch_s=epoch,
         attitude=attitude,
         bias=estimate.bias,
-        loss_before=losses[0],
         loss_after=state.rows.chi2,
         dof=len(state.rows.z) - 6 - len(solved.names),
         rounds=done,
@@ -259,13 +249,6 @@ def _select_free(
     if not any(len(parameters) for parameters in free.values()):
         raise InputError("no alignment is left to solve for; a sensor beside the reference is needed")
     return free
-
-
-def _propagate_back(path: GyroArc, bias: Array, epoch: float, attitude: Array, models: tuple[SensorModel, ...]) -> Estimate:
-    """The estimate of an attitude (3, 3) at the epoch and a bias."""
-    R, _ = path.propagate_nodes(bias)
-    C = R[path.node(np.array([epoch]))[0]].T @ attitude
-    return Estimate(np.tile(C, (len(path.t), 1, 1)), bias, models)
 
 
 def _solve_second_step(
@@ -321,7 +304,7 @@ def _find_undetermined(
     """Find the free combinations if every parameter of every sensor is free."""
     path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
     solved = choose_columns(series, {one.model.name: one.model.parameters for one in series})
-    estimate = _propagate_back(path, bias, epoch, attitude, models)
+    estimate = path.carry_back(epoch, attitude, bias, models)
     state = linearise(path, series, estimate, solved)
     return _format_directions(find_free_directions(state.rows, COMMON_PART), state, estimate.C[0], solved.names)
 

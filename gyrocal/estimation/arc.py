@@ -15,7 +15,7 @@ from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import cut_at, find_covering_samples
 from gyrocal.errors import InputError
 from gyrocal.estimation.least_squares import Rows
-from gyrocal.recording import GyroStream, Interval
+from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
 
 Array = NDArray[np.float64]
@@ -44,25 +44,26 @@ class GyroArc:
         """Nodes of times that are among them."""
         return np.searchsorted(self.t, np.asarray(t) - SAME_TIME_S)
 
+    def carry_back(self, t_s: float, attitude: Array, bias: Array, models: Sequence[SensorModel]) -> "Estimate":
+        """The estimate of an attitude (3, 3) at one of the nodes and a bias (3,), without a walk."""
+        R = self.propagate_nodes(bias)[0][self.node(np.array([t_s]))[0]]
+        return Estimate(np.tile(R.T @ attitude, (len(self.t), 1, 1)), np.array(bias), tuple(models))
 
-def build_gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> GyroArc:
+
+def build_gyro_arc(gyro: GyroStream, times: Array, G: Array, name: str = "of the batch") -> GyroArc:
     """The arc through some times.
 
     An `InputError` if all times are one, or the stream does not cover them or has a gap.
 
-    Parameters
-    ----------
-    gyro : stream that covers them
-    times : (any,) s, in any order
-    G : (3, 3)
-    max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
+    times: (any,) s, in any order
+    G: (3, 3)
+    name: of the interval in an error
     """
     ordered = np.sort(np.asarray(times, dtype=float))
     t = ordered[np.diff(ordered, prepend=-np.inf) > SAME_TIME_S]
     if t.size < 2:
         raise InputError("a batch needs measurements at two different times at least, or a bias has no effect")
-    limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
-    low, tags = find_covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
+    low, tags = find_covering_samples(gyro, name, t, gyro.sample_s + 0.5 * gyro.sample_s)
     dt, held, ends = cut_at(tags, t)
     arcs = Arcs(gyro.rates, dt, low + held, ends[:-1], ends[1:], np.zeros(t.size - 1, dtype=np.intp))
     return GyroArc(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
@@ -106,10 +107,7 @@ def choose_columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[s
 
     An `InputError` if two sensors have one name, or a sensor or parameter is unknown.
 
-    Parameters
-    ----------
-    series : of sensors with different names
-    free : names of solved-for parameters by name of sensor
+    free: names of solved-for parameters by name of sensor
     """
     names = [one.model.name for one in series]
     if len(set(names)) < len(names):

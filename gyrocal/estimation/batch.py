@@ -19,6 +19,10 @@ The covariance of the plain estimate holds what the gyro's noise does to it. The
 once the gyro noise gathered over the batch is comparable with the attitude error.
 
 Errors are true minus estimate: exp([θ×]) = A_true A_estᵀ in body axes at the time of the attitude.
+
+What the measurements leave free is found as in `gyrocal.calibration.observability`: columns are scaled by a plausible range of
+each unknown, and a singular value below one says that this range is known better than the data would tell. One Sun direction
+leaves the rotation about it; with every sensor's alignment free, a rotation of all of them goes unnoticed.
 """
 
 from __future__ import annotations
@@ -33,7 +37,9 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal.attitude import residual, rotation_matrix
-from gyrocal.errors import InputError
+from gyrocal.calibration.observability import OBSERVABILITY_RANK_TOLERANCE, PLAUSIBLE_BIAS
+from gyrocal.calibration.parameters import BIAS_NAMES
+from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import (
     Columns,
     Estimate,
@@ -44,7 +50,6 @@ from gyrocal.estimation.arc import (
     linearise,
     list_measured_times,
 )
-from gyrocal.estimation.batch_observability import check_observable
 from gyrocal.estimation.least_squares import ExactLeastSquares, Influence, PlainLeastSquares, Rows
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
@@ -54,6 +59,9 @@ Weighting = Literal["exact", "plain"]
 
 # The band's condition is 4 N² over the square of the walk in sigmas: below, rounding costs more than plain weights do.
 NEGLIGIBLE_WALK = 1e-3  # in sigmas of all measurements together, times the root of the number of nodes
+PLAUSIBLE_ATTITUDE = float(np.deg2rad(1.0))
+PLAUSIBLE_SENSOR = float(np.deg2rad(0.5))  # a misalignment or a penetration bias
+NAMED_SHARE = 0.01  # of its plausible range, below which an unknown is not named
 
 
 @dataclass(frozen=True)
@@ -141,7 +149,6 @@ def batch(
     weighting: Weighting = "exact",
     max_iterations: int = 20,
     tolerance: float = 1e-6,
-    max_gap_s: float | None = None,
 ) -> BatchResult:
     """Epoch attitude and gyro bias, and sensor parameters if asked, from an arc of measurements.
 
@@ -155,7 +162,6 @@ def batch(
     free : names of sensor parameters to solve for, by name of the sensor
     weighting : see the module
     max_iterations, tolerance : of Gauss and Newton's iteration; the last correction in sigmas
-    max_gap_s : longest time of missing gyro samples that the last one may be held over
 
     Raises
     ------
@@ -172,10 +178,8 @@ def batch(
         raise InputError("a batch needs measurements; there are none to be used")
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
     wanted = np.asarray(times, dtype=float)
-    path = build_gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G, max_gap_s)
-    R, _ = path.propagate_nodes(gyro.apriori_bias)
-    C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
-    first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
+    path = build_gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G)
+    first = path.carry_back(epoch, start, gyro.apriori_bias, [one.model for one in series])
     estimate, iterations = _iterate(path, series, first, solved, weighting, max_iterations, tolerance)
     state = linearise(path, series, estimate, solved)
     system = build_solver(path, state.rows, estimate.C, weighting)
@@ -261,3 +265,55 @@ def _compute_errors(
     walk = (turn @ influence.walk)[:, order] @ C
     arw = float(path.q[0] / np.sqrt(path.t[1] - path.t[0]))
     return Errors(by_measurement @ by_measurement.T, path.t, walk, arw)
+
+
+def check_observable(rows: Rows, C: Array, names: tuple[str, ...]) -> None:
+    """Refuse measurements that leave something free, or are fewer than the unknowns.
+
+    C: (3, 3) attitude at the first node
+    names: the sensor parameters after the bias
+    """
+    unknowns = 6 + len(names)
+    if len(rows.z) < unknowns:
+        raise InputError(f"{len(rows.z)} measured numbers are too few for {unknowns} unknowns; take a longer arc")
+    free = find_free_directions(rows)
+    if len(free):
+        texts = tuple(format_free_direction(direction, C, names) for direction in free)
+        raise UnobservableError(
+            f"the measurements do not determine {'; nor '.join(texts)}; add another sensor, a longer arc or a prior", texts
+        )
+
+
+def list_plausible_ranges(p: int) -> Array:
+    """(3 + p,) plausible ranges of attitude, bias and sensor parameters."""
+    return np.array([PLAUSIBLE_ATTITUDE] * 3 + [PLAUSIBLE_BIAS] * 3 + [PLAUSIBLE_SENSOR] * (p - 3))
+
+
+def find_free_directions(rows: Rows, part: float = 1.0) -> Array:
+    """(f, 3 + p) changes of (γ, δ) the measurements do not see to within this part of the plausible range.
+
+    They are as sparse as pivoting makes them; the largest element of each is its plausible range.
+    """
+    scale = list_plausible_ranges(rows.parameters.shape[1])
+    _, values, directions = np.linalg.svd(np.linalg.qr(rows.plain * scale, mode="r"))
+    free = directions[(values * part < 1) | (values < OBSERVABILITY_RANK_TOLERANCE * values[0])]
+    if not len(free):
+        return free
+    _, _, pivots = scipy.linalg.qr(free, pivoting=True, mode="economic")
+    basis = np.linalg.solve(free[:, pivots[: len(free)]], free)
+    return np.asarray(basis / np.abs(basis).max(axis=1, keepdims=True) * scale)
+
+
+def format_free_direction(direction: Array, C: Array, names: tuple[str, ...]) -> str:
+    """A free direction in words: the rotation, by its inertial axis, and what of bias and sensors goes with it."""
+    scale = list_plausible_ranges(len(direction) - 3)
+    share = np.abs(direction / scale)
+    terms = []
+    size = float(np.linalg.norm(direction[:3]))
+    if share[:3].max() > NAMED_SHARE:
+        axis = C.T @ direction[:3] / size
+        axis *= np.sign(axis[np.argmax(np.abs(axis))])
+        terms.append("a rotation about the inertial direction ({:.3f}, {:.3f}, {:.3f})".format(*(axis + 0.0)))
+    labels = (*BIAS_NAMES, *names)
+    terms += [labels[k - 3] for k in range(3, len(direction)) if share[k] > NAMED_SHARE]
+    return " together with ".join([terms[0], ", ".join(terms[1:])] if len(terms) > 1 else terms)

@@ -82,11 +82,9 @@ def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Arr
 
     Returns ω Δt, rad.
 
-    Parameters
-    ----------
-    x : (12,) G row by row and b
-    raw : (3,) rad/s
-    columns : (p,) positions of the solved-for parameters among the twelve
+    x: (12,) G row by row and b
+    raw: (3,) rad/s
+    columns: (p,) positions of the solved-for parameters among the twelve
     """
     wx = (x[0] * raw[0] + x[1] * raw[1] + x[2] * raw[2] + x[9]) * dt
     wy = (x[3] * raw[0] + x[4] * raw[1] + x[5] * raw[2] + x[10]) * dt
@@ -212,14 +210,12 @@ def advance(
 
     Returns the sample that holds at `stop`.
 
-    Parameters
-    ----------
-    A, P : (3, 3) attitude and (3 + p, 3 + p) covariance, changed
-    Phi : (3, 3 + p) upper rows of the transition matrix over the arc, set
-    tags : (samples,) when a sample's rate begins to hold, which it does until the next one's does
-    rates : (samples, 3) raw rates, rad/s
-    first : sample that holds at `start`
-    others : as in `compute_transition` and `process_noise`
+    A, P: (3, 3) attitude and (3 + p, 3 + p) covariance, changed
+    Phi: (3, 3 + p) upper rows of the transition matrix over the arc, set
+    tags: (samples,) when a sample's rate begins to hold, which it does until the next one's does
+    rates: (samples, 3) raw rates, rad/s
+    first: sample that holds at `start`
+    others: as in `compute_transition` and `process_noise`
     """
     p = len(columns)
     R, B = np.empty((3, 3)), np.empty((3, p))

@@ -2,14 +2,29 @@
 
 A stop is a measurement or a wanted time. Between two stops the compiled `gyrocal.estimation.error_state.advance` propagates
 over all samples, cut at both; a sample's rate holds until the next sample begins.
+
+`smooth` goes back over the stops j of a run: the fixed-interval smoother of Rauch, Tung and Striebel. With P_j after the
+measurement of stop j, P⁻_{j+1} predicted for the next, and Φ the transition between them,
+
+    C_j = P_j Φᵀ (P⁻_{j+1})⁻¹,    s_j = C_j s⁻_{j+1},    P_j|all = P_j + C_j (P_{j+1}|all − P⁻_{j+1}) C_jᵀ
+
+where s_j takes the filter's estimate at stop j to the smoothed one, and s⁻_{j+1} the predicted estimate of the next stop to
+its smoothed one. The errors of two stops a ≤ b have the covariance C_a … C_{b−1} P_b|all: reference attitudes from one
+run share the bias and the measurements between them, and their errors correlate.
+
+All of it is linear about the filter's way. An attitude that the filter starts with has an error of second order, θ²/2, which
+the covariance does not know; where it is no longer small beside the noise of the measurements, start nearer.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal import attitude
+from gyrocal.calibration.parameters import NAMES
 from gyrocal.errors import InputError
 from gyrocal.estimation.error_state import Indices, advance
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
@@ -29,29 +44,22 @@ class Innovations:
     # series, row: (e,) which series, and which row of it
     series: Indices
     row: Indices
-    # residual, sigma: (e, m) y − h(A) and the filter's own 1-sigma of it; NaN where a number was not used
-    residual: Array
-    sigma: Array
     # nis, dof: (e,) normalised innovation squared and its degrees of freedom
     nis: Array
     dof: Indices
     accepted: NDArray[np.bool_]  # (e,) whether it was within the gate
 
 
-@dataclass(frozen=True)
-class History:
-    """Every stop of a run, for the way back: predicted (before) and corrected (after) state."""
+class Stop(NamedTuple):
+    """Predicted (before) and corrected (after) state at a stop of a run, for the way back."""
 
-    # A_before, A_after: (k, 3, 3)
     A_before: Array
-    # x_before, x_after: (k, 12)
     x_before: Array
-    # P_before, P_after: (k, n, n)
     P_before: Array
     A_after: Array
     x_after: Array
     P_after: Array
-    Phi: Array  # (k, 3, n) upper rows of the transition from the stop before
+    Phi: Array  # (3, n) upper rows of the transition from the stop before
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,7 @@ class FilterRun:
     covariance : (k, n, n) of attitude and solved-for parameters
     names : solved-for parameters
     innovations : of all measurements
-    rejected : how many of them the gate kept out
-    history : all stops, if asked for
+    history : all stops, if asked for; none otherwise
     stops : (k,) stop of the history at each requested time
     """
 
@@ -77,8 +84,7 @@ class FilterRun:
     covariance: Array
     names: tuple[str, ...]
     innovations: Innovations
-    rejected: int
-    history: History | None
+    history: tuple[Stop, ...]
     stops: Indices
 
     @property
@@ -112,7 +118,7 @@ def run(
     start_s : time of the estimator's state, s
     times : (k,) ascending times of the wanted estimates, s
     max_gap_s : longest time of missing samples over which the last rate is held; half a sample by default
-    keep_history : whether to keep all stops, for `gyrocal.estimation.smoother`
+    keep_history : whether to keep all stops, for `smooth`
 
     Raises
     ------
@@ -127,14 +133,14 @@ def run(
     Phi = np.empty((3, len(estimator.P)))
     rates = np.ascontiguousarray(gyro.rates)
     noise = estimator.arw, estimator.rate_random_walk
-    rejected, present = estimator.rejected, start_s
+    present = start_s
     requested: list[tuple[Array, ...]] = []
     measured: list[tuple[float, int, int, Innovation]] = []
-    history: list[tuple[Array, ...]] = []
+    history: list[Stop] = []
     for stop in range(len(t)):
         k = advance(estimator.A, estimator.P, Phi, estimator.x, estimator.columns, gyro.t_s, rates, k, present, t[stop], *noise)
         present = float(t[stop])
-        before = _copy_state(estimator) if keep_history else ()
+        before = _copy_state(estimator) if keep_history else None
         if which[stop] < 0:
             requested.append(_copy_state(estimator))
         else:
@@ -142,8 +148,8 @@ def run(
             innovation = estimator.update(one.model, at, one.y[at], one.sigma[at])
             if innovation is not None:
                 measured.append((present, int(which[stop]), at, innovation))
-        if keep_history:
-            history.append((*before, *_copy_state(estimator), Phi.copy()))
+        if before is not None:
+            history.append(Stop(*before, *_copy_state(estimator), Phi.copy()))
     A, x, P = (np.array(values) for values in zip(*requested, strict=True))
     return FilterRun(
         times,
@@ -151,9 +157,8 @@ def run(
         x,
         P,
         names=estimator.names,
-        innovations=_gather_innovations(measured, max((one.model.size for one in series), default=0)),
-        rejected=estimator.rejected - rejected,
-        history=History(*(np.array(values) for values in zip(*history, strict=True))) if keep_history else None,
+        innovations=_gather_innovations(measured),
+        history=tuple(history),
         stops=np.flatnonzero(which < 0),
     )
 
@@ -196,20 +201,78 @@ def _copy_state(estimator: KalmanFilter) -> tuple[Array, Array, Array]:
     return estimator.A.copy(), estimator.x.copy(), estimator.P.copy()
 
 
-def _gather_innovations(measured: Sequence[tuple[float, int, int, Innovation]], width: int) -> Innovations:
-    """Innovations of a run from the time, series and row of each, with NaN for numbers that were not used."""
+def _gather_innovations(measured: Sequence[tuple[float, int, int, Innovation]]) -> Innovations:
+    """Innovations of a run from the time, series and row of each."""
     found = [innovation for *_, innovation in measured]
-    residual, sigma = np.full((2, len(found), width), np.nan)
-    for e, one in enumerate(found):
-        columns = np.flatnonzero(one.used)
-        residual[e, columns], sigma[e, columns] = one.residual, np.sqrt(np.diag(one.S))
     return Innovations(
         t=np.array([t for t, *_ in measured]),
         series=np.array([series for _, series, *_ in measured], dtype=np.intp),
         row=np.array([row for _, _, row, _ in measured], dtype=np.intp),
-        residual=residual,
-        sigma=sigma,
         nis=np.array([one.nis for one in found]),
         dof=np.array([one.residual.size for one in found], dtype=np.intp),
         accepted=np.array([one.accepted for one in found], dtype=bool),
     )
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Smoothed estimates at the requested times of a run.
+
+    Attributes
+    ----------
+    t : (k,) s
+    A : (k, 3, 3)
+    x : (k, 12) G and b
+    covariance : (k, n, k, n) joint covariance of the states (θ, Δx) at all of the times
+    """
+
+    t: Array
+    A: Array
+    x: Array
+    covariance: Array
+
+    @property
+    def attitude_covariance(self) -> Array:
+        """(3k, 3k) joint covariance of the attitude errors, rad²."""
+        k = len(self.t)
+        return np.asarray(self.covariance[:, :3, :, :3].reshape(3 * k, 3 * k))
+
+
+def smooth(run: FilterRun) -> Smoothed:
+    """Smooth a run that kept its history.
+
+    Raises
+    ------
+    InputError
+        It did not.
+    """
+    past = run.history
+    if not past:
+        raise InputError("only a run with keep_history=True can be smoothed")
+    n, k = run.covariance.shape[-1], len(run.t)
+    columns = [NAMES.index(name) for name in run.names]
+    requests = {int(stop): request for request, stop in enumerate(run.stops)}
+    A, x, P = past[-1].A_after, past[-1].x_after.copy(), past[-1].P_after
+    out = Smoothed(run.t, np.empty((k, 3, 3)), np.empty((k, 12)), np.zeros((k, n, k, n)))
+    carried: dict[int, Array] = {}  # covariance between the present stop and each later request
+    for stop in range(len(past) - 1, -1, -1):
+        if stop < len(past) - 1:
+            own, later = past[stop], past[stop + 1]
+            Phi = np.vstack([later.Phi, np.eye(n)[3:]])
+            scale = np.sqrt(np.diag(later.P_before))
+            scaled = later.P_before / np.outer(scale, scale)
+            C = np.linalg.solve(scaled, (Phi @ own.P_after) / scale[:, None]).T / scale
+            state = C @ np.concatenate([attitude.residual(A, later.A_before), (later.x_before - x)[columns]])
+            A, x = attitude.rotation_matrix(state[:3]) @ own.A_after, own.x_after.copy()
+            x[columns] -= state[3:]
+            P = own.P_after + C @ (P - later.P_before) @ C.T
+            P = 0.5 * (P + P.T)
+            carried = {request: C @ between for request, between in carried.items()}
+        if stop in requests:
+            request = requests[stop]
+            out.A[request], out.x[request] = A, x
+            carried[request] = P
+            for other, between in carried.items():
+                out.covariance[request, :, other] = between
+                out.covariance[other, :, request] = between.T
+    return out

@@ -67,9 +67,6 @@ class Change:
     """Change of the solved-for parameters by one leg."""
 
     name: str  # of the leg
-    # before, after: (p,) estimates
-    before: Array
-    after: Array
     # chi2, dof: of the change, over the combinations the leg has told something about
     chi2: float
     dof: int
@@ -139,22 +136,22 @@ def run_legs(
         fresh = [part for one in series if (part := _mask_until(one, used_until)) is not None]
         runs.append(run(estimator, gyro, fresh, leg.start_s, np.array([leg.stop_s])))
         used_until = leg.stop_s
-        after, P_after = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
-        changes.append(Change(leg.name, before, after, *compute_change_chi2(after - before, P_before, P_after)))
+        change = estimator.x[estimator.columns] - before
+        changes.append(Change(leg.name, *compute_change_chi2(change, P_before, estimator.P[3:, 3:])))
     return FullFilterResult(estimator.parameters, estimator.P[3:, 3:].copy(), estimator.names, tuple(changes), tuple(runs))
 
 
-def compute_change_chi2(change: Array, P_before: Array, P_after: Array, learnt: float = LEARNT) -> tuple[float, int]:
+def compute_change_chi2(change: Array, P_before: Array, P_after: Array) -> tuple[float, int]:
     """χ² of an estimate's change (p,) while its covariance went from P_before to P_after (p, p), and the degrees of freedom.
 
-    In the combinations that diagonalise both, those whose variance shrank by less than the share `learnt` are left out.
+    In the combinations that diagonalise both, those whose variance shrank by less than the share `LEARNT` are left out.
     """
     scale = np.sqrt(np.diag(P_before))
     L = np.linalg.cholesky(P_before / np.outer(scale, scale))
     white = np.linalg.solve(L, np.eye(len(L)))
     shrunk, basis = np.linalg.eigh(np.eye(len(L)) - white @ (P_after / np.outer(scale, scale)) @ white.T)
     along = basis.T @ white @ (change / scale)
-    told = shrunk > learnt
+    told = shrunk > LEARNT
     return float(np.sum(along[told] ** 2 / shrunk[told])), int(told.sum())
 
 

@@ -63,11 +63,9 @@ def predict_held_out_turns(
 
     Returns one for each length of which there are enough turns; none where too little is left to hold out.
 
-    Parameters
-    ----------
-    recording : gyro stream and reference attitudes
-    lengths_s : of the turns, s; where no references are so far apart, the usual time between two of them
-    options : of `gyrocal.calibrate`
+    recording: gyro stream and reference attitudes
+    lengths_s: of the turns, s; where no references are so far apart, the usual time between two of them
+    options: of `gyrocal.calibrate`
     """
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))

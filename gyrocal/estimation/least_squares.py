@@ -84,10 +84,7 @@ def map_corrections(nodes: Indices, bias_maps: Array, p: int) -> Array:
 class PlainLeastSquares:
     """Least squares without the walk.
 
-    Parameters
-    ----------
-    rows : (r) measurements
-    count : number of nodes N
+    rows: (r) measurements, count: number of nodes N
     """
 
     def __init__(self, rows: Rows, count: int):
@@ -111,10 +108,7 @@ class PlainLeastSquares:
     def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
         """Compute how the noises map to the errors of δ and, at k nodes, of γ_n − S_n δb; J = p + 3k rows.
 
-        Parameters
-        ----------
-        nodes : (k,)
-        bias_maps : (k, 3, 3) S_n there
+        nodes: (k,), bias_maps: (k, 3, 3) S_n there
         """
         rows = self._rows
         p = rows.parameters.shape[1]
@@ -137,9 +131,7 @@ def accumulate_by_increment(rows: Rows, errors: Array, count: int) -> Array:
 class ExactLeastSquares:
     """Least squares with the walk weighted as it correlates.
 
-    Parameters
-    ----------
-    rows : (r) measurements
+    rows: (r) measurements
     q : (N − 1,) sigma of each increment per axis, rad
     d : (N − 1, 3) increments in the present estimate, rad
     """

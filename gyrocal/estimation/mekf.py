@@ -6,7 +6,7 @@ measurements correct attitude and parameters. State, transition, noise and corre
 it; `gyrocal.estimation.full_filter` takes all twelve.
 
 `KalmanFilter` takes a sample or a measurement and forgets it. `gyrocal.estimation.filter_run` does a recorded stream and
-series of measurements, `gyrocal.estimation.smoother` goes back over it.
+series of measurements, and goes back over it.
 
 A gate rejects a measurement whose normalised innovation squared, zᵀ S⁻¹ z, a good one would exceed with the stated
 probability. It takes P for consistent: a filter whose attitude is wrong by more than it knows rejects everything, and what a
@@ -61,7 +61,6 @@ class KalmanFilter:
     A : (3, 3) present attitude, inertial to body
     x : (12,) present G and b in the order of `NAMES`
     P : (3 + p, 3 + p) present covariance
-    rejected : number of measurements that the gate kept out
 
     Raises
     ------
@@ -87,7 +86,6 @@ class KalmanFilter:
         self.columns: Indices = np.array([NAMES.index(name) for name in self.names])
         self.arw, self.rate_random_walk, self.gate = float(arw), float(rate_random_walk), gate
         self.x = parameters.vector
-        self.rejected = 0
         self._R, self._B = np.empty((3, 3)), np.empty((3, len(self.names)))
         self.P = np.empty((0, 0))
         self.restart(A, covariance)
@@ -104,10 +102,6 @@ class KalmanFilter:
         if P.shape != (n, n) or not np.isfinite(P).all() or not np.allclose(P, P.T):
             raise InputError(f"the covariance of attitude and {n - 3} parameters must be symmetric and {n}×{n}, not {P.shape}")
         self.A, self.P = np.array(A, dtype=float), P
-
-    def open(self, covariance: Array) -> None:
-        """Add to the covariance what has come in from outside of the model, as errors of G in a maneuver; (n, n)."""
-        self.P = self.P + covariance
 
     def step(self, raw: Array, dt: float) -> tuple[Array, Array]:
         """Propagate over one gyro sample, raw (3,) rad/s held for dt seconds.
@@ -147,7 +141,6 @@ class KalmanFilter:
         H, sigma = np.ascontiguousarray(H), np.ascontiguousarray(sigma)
         K, S, nis = compute_kalman_gain(self.P, H, sigma, z)
         if self.gate is not None and nis > scipy.special.chdtri(len(z), self.gate):
-            self.rejected += 1
             return Innovation(z, S, nis, False, H, np.zeros_like(K), used)
         update_covariance(self.P, K, H, sigma)
         self.correct(K @ z)
@@ -157,11 +150,3 @@ class KalmanFilter:
         """Move the estimate by an estimated state (n,): A ← exp([θ×]) A, x ← x − Δx."""
         self.A = correct_attitude(self.A, state[:3])
         self.x[self.columns] -= state[3:]
-
-
-def compute_nees(errors: Array, covariance: Array) -> Array:
-    """(k,) normalised estimation error squared sᵀ P⁻¹ s of errors (k, n) with covariance (k, n, n); χ² with n if consistent."""
-    scale = np.sqrt(np.einsum("...ii->...i", covariance))  # parameters and attitude differ by many decades
-    scaled = covariance / (scale[..., :, None] * scale[..., None, :])
-    white = errors / scale
-    return np.asarray(np.sum(white * np.linalg.solve(scaled, white[..., None])[..., 0], axis=-1))

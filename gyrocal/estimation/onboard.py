@@ -125,8 +125,8 @@ class OnBoardCalibrator:
         self.estimator, self.apriori, self.names = estimator, apriori, select(solve_for)
         self._x = apriori.vector
         self._reference = np.diag(np.zeros(3) if reference_sigma is None else np.square(reference_sigma))
-        self._build_columns: Indices = np.array([NAMES.index(name) for name in self.names])
-        self._sums = Accumulation(self._build_columns, apriori_covariance)
+        self._columns: Indices = np.array([NAMES.index(name) for name in self.names])
+        self._sums = Accumulation(self._columns, apriori_covariance)
         held = [name for name in self.names if name not in estimator.names] if through_filter else []
         self._held: Indices = np.array([NAMES.index(name) for name in held], dtype=np.intp)
         self._held_among = [self.names.index(name) for name in held]
@@ -149,7 +149,7 @@ class OnBoardCalibrator:
         if self._running:
             q = self.estimator.arw**2 * dt
             _propagate_maneuver(
-                self._x, raw, dt, self._build_columns, self._R, self._Theta, self._P_rho, self._X_e, self._X_x, R, B, q
+                self._x, raw, dt, self._columns, self._R, self._Theta, self._P_rho, self._X_e, self._X_x, R, B, q
             )
             self._elapsed_s += dt
 
@@ -176,7 +176,7 @@ class OnBoardCalibrator:
 
     def open(self, covariance: Array) -> None:
         """Make the filter forget, as at the end of a slew: add (n, n) to its covariance."""
-        self.estimator.open(covariance)
+        self.estimator.P = self.estimator.P + covariance
 
     def finish(self) -> Maneuver:
         """End the maneuver at the filter's present attitude and add its residual to the sums.
@@ -204,7 +204,7 @@ class OnBoardCalibrator:
         """Corrected parameters and their covariance (p, p), N (33)."""
         correction, P = self._sums.solve()
         x = self.apriori.vector
-        x[self._build_columns] -= correction
+        x[self._columns] -= correction
         return GyroParameters.from_vector(x), P
 
 

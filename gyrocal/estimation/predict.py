@@ -33,7 +33,7 @@ makes them; they do no harm to the prediction for as long as the motion goes on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -43,14 +43,14 @@ from gyrocal import attitude
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.calibration.propagation import Arcs, propagate
+from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.remainder import interpolate_rates
 from gyrocal.calibration.remainder_processes import compute_turns
-from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
+from gyrocal.estimation.arc import GyroArc, build_gyro_arc
 from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.remainder_noise import RemainderNoise
-from gyrocal.recording import Attitudes, Interval, Recording
+from gyrocal.recording import Attitudes, Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -196,16 +196,12 @@ class _Problem:
     """References, gyro and prior of one stretch."""
 
     seen: Attitudes  # the n references used
-    arcs: Arcs  # the gyro samples between the nodes, which are the references and outputs
+    times: Array  # (k,) of the outputs, s
+    path: GyroArc  # from the start through the references and outputs
     anchor: Array  # (3, 3) attitude at the start
-    stated: Array  # (n, 3, 3) covariance of the references about the body axes, rad²
-    # place, wanted: nodes of the references and of the k outputs
-    place: NDArray[np.intp]
-    wanted: NDArray[np.intp]
     # lasting, later: columns of the references' lasting errors, at the references and at the outputs
     lasting: Array
     later: Array
-    steps_s: Array  # s between the nodes
     arw: float  # angle random walk, rad/√s
     noise: RemainderNoise  # remainder of a calibration
     x0: Array  # (12,) parameters known beforehand
@@ -238,13 +234,10 @@ def condition_on_references(
 
     An `InputError` if no reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
 
-    Parameters
-    ----------
-    recording : the recording
-    used : (m,) which references
-    times : (k,) s, ascending
-    apriori_covariance : (12, 12) P₀
-    noise : remainder of a calibration, beside the stated noise
+    used: (m,) which references
+    times: (k,) s, ascending
+    apriori_covariance: (12, 12) P₀
+    noise: remainder of a calibration, beside the stated noise
     """
     remainder = RemainderNoise() if noise is None else noise
     problem = _pose_problem(recording, np.flatnonzero(used), times, apriori_covariance, remainder)
@@ -252,7 +245,7 @@ def condition_on_references(
     for _ in range(CALIBRATION_ITERATIONS):
         solution = _solve_linearised(problem, x)
         x = problem.x0 - (problem.S @ solution.y)[3:]
-    return _build_prediction(problem, solution, times, x)
+    return _build_prediction(problem, solution, x)
 
 
 def _pose_problem(
@@ -266,22 +259,22 @@ def _pose_problem(
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
     start_s = float(references.t_s[anchor])
-    at = _list_nodes(start_s, np.union1d(times, seen.t_s), noise)
+    at = np.maximum(np.union1d(times, seen.t_s), start_s)
+    if any(one.kind == "rate" for one in noise.processes):  # which correlate, and turn evenly over a short step only
+        at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
     _check_memory(at.size, noise)
+    path = build_gyro_arc(gyro, np.append(start_s, at), gyro.apriori_G, name="prediction")
     lasting, later = (
         noise.build_reference_columns(interpolate_rates(gyro, gyro.apriori_G, gyro.apriori_bias, t)) for t in (seen.t_s, times)
     )
     anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
     return _Problem(
         seen=seen,
-        arcs=prepare_measurements(_build_stretch(recording, anchor, at)).arcs,
+        times=times,
+        path=path,
         anchor=attitude.matrix_from_quaternion(references.quaternions[anchor]),
-        stated=noise.factor * seen.compute_covariance(),
-        place=_locate_times(start_s, at, seen.t_s),
-        wanted=_locate_times(start_s, at, times),
         lasting=lasting,
         later=later,
-        steps_s=np.diff(at, prepend=start_s),
         arw=gyro.arw * float(np.sqrt(noise.factor)),
         noise=noise,
         x0=np.concatenate([gyro.apriori_G.ravel(), gyro.apriori_bias]),
@@ -301,31 +294,24 @@ def _find_anchor(references: Attitudes, rows: NDArray[np.intp], times: Array) ->
     return anchor
 
 
-def _list_nodes(start_s: float, at: Array, noise: RemainderNoise) -> Array:
-    """List distinct times after the start, s, close enough for the rate errors that correlate."""
-    if any(one.kind == "rate" for one in noise.processes):
-        at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
-    at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
-    return np.asarray(at[at > start_s + SAME_TIME_S])
-
-
 def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
     """Solve [L⁻¹ F S; I] = Q U with Θ taken at parameters x (12,)."""
-    run = propagate(problem.arcs, x[:9].reshape(3, 3), x[9:])
+    path, seen = problem.path, problem.seen
+    place, wanted, steps_s = path.node(seen.t_s), path.node(problem.times), np.diff(path.t)
+    run = propagate(path.arcs, x[:9].reshape(3, 3), x[9:])
     R = np.concatenate([np.eye(3)[None], run.R])
     F = np.zeros((len(R), 3, 3 + x.size))
     F[:, :, :3], F[1:, :, 3:] = R, run.Theta
-    own, observed = F[problem.place], attitude.matrix_from_quaternion(problem.seen.quaternions)
-    theta = attitude.residual(observed, R[problem.place] @ problem.anchor)
+    own = F[place]
+    theta = attitude.residual(attitude.matrix_from_quaternion(seen.quaternions), R[place] @ problem.anchor)
     # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
     z = theta - own[:, :, 3:] @ (x - problem.x0)
-    moves = compute_turns(run.R, run.Theta, np.zeros(problem.steps_s.size, dtype=np.intp))
-    errors = ErrorStates.build(moves, problem.steps_s, problem.arw, problem.noise.processes)
-    H = np.concatenate([R[problem.place], problem.lasting], axis=2)
-    white, states, spread = errors.smooth(
-        problem.place, H, problem.stated, np.concatenate([own @ problem.S, z[:, :, None]], axis=2)
-    )
-    white, wanted, size = white.reshape(z.size, -1), problem.wanted, len(problem.S)
+    moves = compute_turns(run.R, run.Theta, np.zeros(steps_s.size, dtype=np.intp))
+    errors = ErrorStates.build(moves, steps_s, problem.arw, problem.noise.processes)
+    H = np.concatenate([R[place], problem.lasting], axis=2)
+    stated = problem.noise.factor * seen.compute_covariance()
+    white, states, spread = errors.smooth(place, H, stated, np.concatenate([own @ problem.S, z[:, :, None]], axis=2))
+    white, size = white.reshape(z.size, -1), len(problem.S)
     e = np.append(white[:, -1], np.zeros(size))
     Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(size)]), mode="economic")
     y = scipy.linalg.solve_triangular(U, Q.T @ e)
@@ -333,7 +319,7 @@ def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
     return _Solution(x, R[wanted], F[wanted], states[wanted], spread[wanted], errors.variance, U, y, float(left @ left))
 
 
-def _build_prediction(problem: _Problem, solution: _Solution, times: Array, x: Array) -> Prediction:
+def _build_prediction(problem: _Problem, solution: _Solution, x: Array) -> Prediction:
     """Build attitudes and covariances from the last solution and the parameters x (12,) that it leads to."""
     R, F, states, spread = solution.R, solution.F, solution.states, solution.spread
     S, y, later, seen = problem.S, solution.y, problem.later, problem.seen
@@ -348,7 +334,7 @@ def _build_prediction(problem: _Problem, solution: _Solution, times: Array, x: A
     both = turned[:, :, 3:] @ later.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)
     readings = blocks + both + both.transpose(0, 2, 1) + (later * solution.variance) @ later.transpose(0, 2, 1)
     return Prediction(
-        times,
+        problem.times,
         np.asarray(attitude.rotation_matrix(c) @ R @ problem.anchor),
         np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
         GyroParameters.from_vector(x),
@@ -369,26 +355,6 @@ def _check_memory(count: int, noise: RemainderNoise) -> None:
             f"{count} references and output times need {count * each / 1e9:.1f} GB, the limit is"
             f" {LARGEST_PREDICTION_BYTES / 1e9:.0f} GB: give a larger --step, or predict from a shorter interval"
         )
-
-
-def _locate_times(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:
-    """Positions of times among the start and the outputs."""
-    nodes = np.concatenate([[start_s], at])
-    return np.searchsorted(nodes, times - 2 * SAME_TIME_S)
-
-
-def _build_stretch(recording: Recording, anchor: int, at: Array) -> Recording:
-    """One interval from the anchor to the last of some times, each of which is a reference in name."""
-    references = recording.attitudes
-    t_s = np.concatenate([[references.t_s[anchor]], at])
-    q = np.tile(references.quaternions[anchor], (t_s.size, 1))
-    return replace(
-        recording,
-        attitudes=Attitudes(t_s, q, np.tile(references.sigma[anchor], (t_s.size, 1))),
-        intervals=(Interval("prediction", "", float(t_s[0]), float(t_s[-1])),),
-        tables={},
-        sensors=None,
-    )
 
 
 def _compute_covariance_root(P: Array) -> Array:

@@ -19,7 +19,7 @@ from gyrocal.calibration.remainder import choose_evenly
 from gyrocal.errors import InputError
 from gyrocal.estimation.predict import SAME_TIME_S, condition_on_references
 from gyrocal.estimation.remainder_noise import KnownCalibration
-from gyrocal.recording import Attitudes, Recording
+from gyrocal.recording import Attitudes, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 
@@ -64,12 +64,10 @@ def compute_prediction_errors(
 
     Returns one for each horizon.
 
-    Parameters
-    ----------
-    recording : none of it may be in the calibration
-    known : parameters, their covariance and the remainder, of other data
-    horizons_s : s, ascending
-    most_starts : starts are chosen evenly from all references that have enough references before and after them
+    recording: none of it may be in the calibration
+    known: parameters, their covariance and the remainder, of other data
+    horizons_s: s, ascending
+    most_starts: starts are chosen evenly from all references that have enough references before and after them
     """
     recording = known.apply(recording)
     t_s = recording.attitudes.t_s
@@ -101,7 +99,7 @@ def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording
     kept = attitudes.select_rows((attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
     intervals = []
     for one in recording.intervals:
-        inside = kept.t_s[(kept.t_s >= one.start_s - SAME_TIME_S) & (kept.t_s <= one.stop_s + SAME_TIME_S)]
+        inside = kept.t_s[find_reference_rows(kept.t_s, one)]
         if inside.size >= 2:
             intervals.append(replace(one, start_s=float(inside[0]), stop_s=float(inside[-1])))
     if not intervals:
@@ -116,8 +114,7 @@ def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]
     t_s: Array = recording.attitudes.t_s
     rows = []
     for one in recording.intervals:
-        own = np.flatnonzero((t_s >= one.start_s - SAME_TIME_S) & (t_s <= one.stop_s + SAME_TIME_S))
-        rows += [int(row) for row in own[2:] if t_s[row] <= t_s[-1] - least_s]
+        rows += [int(row) for row in find_reference_rows(t_s, one)[2:] if t_s[row] <= t_s[-1] - least_s]
     return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
 
 
@@ -139,7 +136,5 @@ def _find_reference_after(recording: Recording, row: int, horizon_s: float) -> i
 
 
 def _gather(horizon_s: float, ones: list[tuple[float, Array, Array]]) -> PredictionErrors:
-    if not ones:
-        return PredictionErrors(horizon_s, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)))
-    times, errors, covariances = zip(*ones, strict=True)
-    return PredictionErrors(horizon_s, np.array(times), np.array(errors), np.array(covariances))
+    errors, covariances = np.reshape([error for _, error, _ in ones], (-1, 3)), np.reshape([C for *_, C in ones], (-1, 3, 3))
+    return PredictionErrors(horizon_s, np.array([t_s for t_s, *_ in ones]), errors, covariances)

@@ -87,10 +87,7 @@ class KnownCalibration:
 
 
 def read_calibration(path: Path) -> KnownCalibration:
-    """Read the JSON that ``gyrocal calibrate --json`` writes.
-
-    An `InputError` if the file is no such result.
-    """
+    """Read the JSON that ``gyrocal calibrate --json`` writes. An `InputError` if the file is no such result."""
     try:
         with path.open("rb") as file:
             text = file.read(LARGEST_BYTES + 1)

@@ -24,7 +24,7 @@ from scipy.special import erf
 from gyrocal.innovations import Innovations
 from gyrocal.jit_cache import compile_cached
 from gyrocal.mask_runs import find_mask_runs
-from gyrocal.masking.stretch import MaskedStretch
+from gyrocal.masking.mask import MaskedStretch
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]

@@ -15,9 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.innovations import Innovations, compute_innovations
-from gyrocal.masking import gyro_faults, reference_faults
-from gyrocal.masking.stretch import MaskedStretch
 from gyrocal.recording import Interval, Recording, find_reference_rows
 from gyrocal.recording.parts import TIME_TOLERANCE_S
 
@@ -30,8 +27,43 @@ Mask = NDArray[np.bool_]
 TABLE = "masked"  # of a recording: what an import has left out
 COLUMNS = ("t_s", "to_s", "what", "axis", "size")
 OF_REFERENCES = ("frozen", "reference jump")
-GAP_SAMPLES = 1.5  # without a sample
 MOST_SHOWN = 8  # jumps of the references in a sentence
+
+
+@dataclass(frozen=True)
+class MaskedStretch:
+    """One stretch of a recording that was not measured."""
+
+    what: str  # "clipped" or "stopped" gyro, "frozen" references, "reference jump", or "excluded" by hand
+    axis: str | None  # of the gyro, or that about which the references jump most; None for all
+    from_s: float  # from_s, to_s: s since the epoch; equal where the references jump and stay
+    to_s: float
+    size: float = 0.0  # level of a gyro, deg/s, or angle of a jump, deg
+
+    @property
+    def key(self) -> tuple[str, str | None, float]:
+        """What is said in one sentence: the kind, the gyro, and the side on which it is clipped."""
+        if self.what == "reference jump":
+            return self.what, None, 0.0
+        return self.what, self.axis, float(np.sign(self.size)) if self.what == "clipped" else 0.0
+
+    def describe_kind(self, sizes: Sequence[float]) -> str:
+        """Say what stretches of this kind are, and how large they are."""
+        gyro = f"gyro {self.axis}" if self.axis else "every gyro"
+        if self.what == "reference jump":
+            spread = f"{min(sizes):.2g} to {max(sizes):.2g}" if len(sizes) > 1 else f"{sizes[0]:.2g}"
+            return f"the references jump {len(sizes)} time(s) by {spread} deg, which the gyro does not confirm"
+        level = f"{float(np.median(sizes)):.4g} deg/s"
+        return {
+            "clipped": f"{gyro} is clipped at {level}",
+            "stopped": f"{gyro} stops at {level} while the references turn",
+            "frozen": "the references repeat one attitude while the gyro turns",
+            "excluded": "excluded by hand",
+        }[self.what]
+
+    def to_json(self) -> dict[str, Any]:
+        """The stretch as documented."""
+        return {"what": self.what, "axis": self.axis, "from_s": self.from_s, "to_s": self.to_s, "size": self.size}
 
 
 @dataclass(frozen=True)
@@ -140,44 +172,3 @@ def read_mask(recording: Recording) -> DataMask:
         raise InputError(f"{TABLE}: column {', '.join(missing)} is missing; it has {', '.join(map(str, table.columns))}")
     rows = table[list(COLUMNS)].itertuples(index=False)
     return DataMask().add([MaskedStretch(what, axis or None, begin, stop, size) for begin, stop, what, axis, size in rows])
-
-
-def find_mask(recording: Recording, exclude: Sequence[tuple[float, float]] = ()) -> DataMask:
-    """Find the stretches of a recording that were not measured.
-
-    Parameters
-    ----------
-    recording : gyro and references at their full rate where there is a choice, since thinned references hide single false ones
-    exclude : stretches to leave out by hand, each from and to a time in s since the first gyro sample
-    """
-    mask = read_mask(recording).exclude(recording, exclude)
-    if not recording.attitudes.t_s.size:
-        return mask
-    left = mask.apply(recording)
-    seen: Innovations | None = None
-    for find in (
-        gyro_faults.find_plateaus,
-        reference_faults.find_frozen,
-        gyro_faults.find_stops,
-        gyro_faults.find_noisy_plateaus,
-        reference_faults.find_jumps,
-    ):
-        seen = _propagate(left) if seen is None else seen
-        found = find(left, seen)
-        if found:  # what was found is out of the way of what is looked for after it
-            mask = mask.add(found)
-            left, seen = mask.apply(recording), None
-    return mask
-
-
-def _propagate(recording: Recording) -> Innovations:
-    """Compute the innovations of the references of a recording at its a-priori calibration."""
-    gyro, attitudes = recording.gyro, recording.attitudes
-    number = np.full(attitudes.t_s.size, -1, dtype=np.intp)
-    for k, interval in enumerate(recording.intervals):
-        rows = find_reference_rows(attitudes.t_s, interval)
-        number[rows[number[rows] < 0]] = k
-    gaps = gyro.t_s[1:][np.diff(gyro.t_s) > GAP_SAMPLES * gyro.sample_s]
-    number = np.where(number < 0, -1, number * (gaps.size + 1) + np.searchsorted(gaps, attitudes.t_s))
-    rates = gyro.rates @ gyro.apriori_G.T + gyro.apriori_bias
-    return compute_innovations(gyro.t_s, rates, attitudes.t_s, attitudes.quaternions, number, attitudes.sigma, gyro.arw)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.innovations import Innovations, compute_misses
 from gyrocal.mask_runs import find_mask_runs
-from gyrocal.masking.stretch import MaskedStretch
+from gyrocal.masking.mask import MaskedStretch
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]

@@ -46,9 +46,9 @@ def read_published_parameters(phase: str, step_s: float | None = None) -> GyroPa
     rows = read_published_table("table3_parameters").query("phase == @phase")
     if step_s is not None:
         rows = rows.query("step_s == @step_s")
-    misalignment = np.deg2rad(rows[[f"misalignment_{axis}_deg" for axis in "xyz"]].to_numpy())
-    bias = np.deg2rad(rows["bias_deg_s"].to_numpy())
-    return GyroParameters.from_gyros(bias, rows["scale_factor"].to_numpy(), misalignment)
+    G = np.deg2rad(rows[[f"misalignment_{axis}_deg" for axis in "xyz"]].to_numpy())
+    np.fill_diagonal(G, rows["scale_factor"].to_numpy())
+    return GyroParameters(G, np.deg2rad(rows["bias_deg_s"].to_numpy()))
 
 
 @cache

@@ -28,8 +28,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis.arrays import Array, Indices
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import Estimate, GyroArc, build_gyro_arc, choose_columns, linearise, list_measured_times
-from gyrocal.estimation.batch import correct_estimate
-from gyrocal.estimation.batch_observability import check_observable
+from gyrocal.estimation.batch import check_observable, correct_estimate
 from gyrocal.estimation.least_squares import ExactLeastSquares, PlainLeastSquares, Rows
 from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
 from gyrocal.recording.sensor_tables import SensorTables

@@ -39,11 +39,6 @@ def test_table_has_the_flights_calibrated_values():
     np.testing.assert_allclose(table["bias_deg_s"], [-1.55e-4, 1.98e-4, 0.78e-4], atol=5.1e-7)
 
 
-def test_raw_inverts_rates():
-    raw = np.random.default_rng(1).normal(size=(5, 3))
-    np.testing.assert_allclose(TRUTH.raw(TRUTH.rates(raw)), raw, atol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("text", "count"), [("all", 12), ("bias", 3), ("scale,bias", 6), ("all,-misalignment", 6), ("gyro_y", 4), ("G_xy,b_z", 2)]
 )

@@ -8,7 +8,6 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, calibrate
-from gyrocal.calibration.implausible_values import find_implausible_values
 from gyrocal.calibration.mounting import compute_mounting
 from gyrocal.calibration.plausible_ranges import (
     DEG_SQRT_H,
@@ -17,6 +16,7 @@ from gyrocal.calibration.plausible_ranges import (
     compute_rest_rates,
     estimate_plausible_ranges,
 )
+from gyrocal.calibration.verdict import find_implausible_values
 from tests.builders import TRUTH, piecewise_recording
 
 RNG = np.random.default_rng(2)
@@ -93,12 +93,12 @@ def test_motion_about_one_axis_leaves_the_mounting_open():
 def test_values_that_no_gyro_has_are_named(moving):
     ranges = estimate_plausible_ranges(moving)
     none = compute_mounting(TRUTH.G, np.zeros((9, 9)), np.eye(3), ranges.G)
-    assert find_implausible_values(none, TRUTH.G, TRUTH.bias, np.full(3, 1e-6), ranges) == ()
+    assert not tuple(find_implausible_values(none, TRUTH.G, TRUTH.bias, np.full(3, 1e-6), ranges))
     turn = Rotation.from_rotvec([0.0, 0.0, np.deg2rad(30.0)]).as_matrix()
     G = turn @ np.diag([1.0, 0.31, 1.0])
     mounting = compute_mounting(G, np.zeros((9, 9)), np.eye(3), ranges.G)
     bias = np.array([4 * MEMS_BIAS, 0.0, 0.0])
-    found = find_implausible_values(mounting, G, bias, np.full(3, 1e-6), ranges)
+    found = tuple(find_implausible_values(mounting, G, bias, np.full(3, 1e-6), ranges))
     assert [text.split()[1] for text in found] == ["scale", "gyro", "bias", "bias"]
     assert "y 0.31" in found[0]
     assert "30 deg away from the stated axes" in found[1]

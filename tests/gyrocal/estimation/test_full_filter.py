@@ -7,8 +7,9 @@ import pytest
 
 from gyrocal import attitude, calibrate
 from gyrocal.estimation.full_filter import Leg, build_starting_covariance, compute_change_chi2, run_legs
-from gyrocal.estimation.mekf import KalmanFilter, compute_nees
+from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.sensors.series import SensorSeries
+from studies.montecarlo.statistics import compute_nees
 from tests.builders import TRUTH, choose_case_numbers, mean_bounds, piecewise_recording
 from tests.gyrocal.estimation.filter_cases import (
     FILTER_CASE_ARW,

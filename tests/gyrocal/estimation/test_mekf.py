@@ -7,10 +7,10 @@ import pytest
 
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.batch import batch
-from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, compute_nees
-from gyrocal.estimation.smoother import smooth
+from gyrocal.estimation.filter_run import run, smooth
+from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.sensors.series import SensorSeries
+from studies.montecarlo.statistics import compute_nees
 from tests.builders import TRUTH, mean_bounds, state_errors
 from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
 
@@ -85,7 +85,7 @@ def test_gate_keeps_outliers_out(flight):
     clean = started(flight, np.random.default_rng(14))
     found = run(gated, gyro, [spoilt], 0.0, TIMES)
     reference = run(clean, gyro, [dataclasses.replace(series, sigma=np.where(bad[:, None], np.inf, series.sigma))], 0.0, TIMES)
-    assert found.rejected == gated.rejected == bad.sum() == (~found.innovations.accepted).sum()
+    assert bad.sum() == (~found.innovations.accepted).sum()
     np.testing.assert_array_equal(found.innovations.row[~found.innovations.accepted], np.flatnonzero(bad))
     np.testing.assert_allclose(found.x, reference.x, rtol=1e-12)
 

@@ -12,8 +12,9 @@ from gyrocal import (
     attitude,
     calibrate,
 )
-from gyrocal.estimation.mekf import KalmanFilter, compute_nees
+from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import OnBoardCalibrator, replay
+from studies.montecarlo.statistics import compute_nees
 from tests.builders import TRUTH, choose_case_numbers, mean_bounds
 from tests.gyrocal.estimation.filter_cases import (
     DIRECTION_SENSOR_SIGMA,
