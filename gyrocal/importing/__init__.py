@@ -77,16 +77,14 @@ def import_csv(
     attitude_file: str | os.PathLike[str] | None = None,
     *,
     mapping: Mapping | None = None,
-    check: bool = True,
     **entries: Any,
 ) -> ImportResult:
-    """A recording of one or two CSV tables.
+    """Import one or two CSV tables as a recording.
 
     Parameters
     ----------
     gyro_file, attitude_file : paths; without the second the first holds both
     mapping : what the columns mean
-    check : whether tables that do not fit each other are refused
     entries : in place of a mapping, its entries, e.g. ``time="timestamp_ms:ms", gyro="gx,gy,gz:deg/s",
         quat="qw,qx,qy,qz:body-to-inertial"``
 
@@ -104,20 +102,13 @@ def import_csv(
         raise InputError("give a mapping or its entries, not both")
     table = read_csv(Path(gyro_file))
     other = read_csv(Path(attitude_file)) if attitude_file is not None else table
-    return import_tables(table, other, mapping, check=check)
+    return import_tables(table, other, mapping)
 
 
-def import_tables(
-    gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, *, said: Sequence[str] = (), check: bool = True
-) -> ImportResult:
-    """A recording of the gyro's table and of that of the attitudes, which every format makes.
+def import_tables(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, *, said: Sequence[str] = ()) -> ImportResult:
+    """Import the gyro's table and that of the attitudes, which every format makes; the same object where one holds both.
 
-    Parameters
-    ----------
-    gyro, attitude : the tables; the same object where one holds both
-    mapping : what the columns mean
-    said : what was taken for granted when the tables were made, a sentence each
-    check : whether tables that do not fit each other are refused
+    said: what was taken for granted when the tables were made, a sentence each
     """
     from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_streams
@@ -127,22 +118,18 @@ def import_tables(
 
     from gyrocal.importing.build import build  # late: what compiles is not loaded for a table that cannot be read
 
-    return build(streams, mapping, check, said)
+    return build(streams, mapping, said)
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
     """Read a CSV table of gyros as a recording without references, for their noise alone, and what was assumed.
 
-    An `InputError` if a column is missing or does not hold what the mapping says.
-
-    Parameters
-    ----------
-    file : path of the table
-    entries : of a mapping; time and gyro are needed, and those of attitudes are not read
+    An `InputError` if a column is missing or does not hold what the mapping says. Of its entries time and gyro are needed, and
+    those of attitudes are not read.
     """
     from gyrocal.importing.column_mapping import validate_mapping
     from gyrocal.importing.columns import resolve_columns
-    from gyrocal.importing.streams import read_csv, read_gyro_log
+    from gyrocal.importing.streams import read_csv, read_streams
 
     path = Path(file)
     table = read_csv(path)
@@ -153,7 +140,7 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
         )
     mapping = validate_mapping(entries, "options", attitude_needed=False)
     table, _, mapping = resolve_columns(table, table, mapping)
-    streams = read_gyro_log(table, mapping)
+    streams = read_streams(table, None, mapping)
     from gyrocal.importing.estimates import estimate_walk  # late, as above
 
     arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])[0]

@@ -146,9 +146,7 @@ def evaluate_agreement(
 
     Parameters
     ----------
-    windows : of both
-    unit, time_unit : as which they are read; others are tried in their place
-    order : "scalar-first" or "scalar-last" as which quaternions are read; "" tries no other
+    unit, time_unit, order : as which rates, times and quaternions are read; others are tried in their place, of "" none
     reverse : whether the quaternions on file have been conjugated to be inertial to body
     factors : of the rates that are tried beside those of units, with their words
     others : further attitudes (m, 4) that the table may mean, with what each changes
@@ -163,33 +161,37 @@ def evaluate_agreement(
     units = list(_list_scales(unit, "").values())  # name what factors would only number
     numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
     scales = _list_scales(unit, time_unit) | numbered
-    pairs = _pair_rates(windows, ways)
+    pairs, late = _pair_rates(windows, ways), list[RatePair]()
     tried = [one for pair in pairs for one in _fit_scales_and_axes(pair, scales)]
-    if min((one.residual for one in tried), default=np.inf) > FITS:
-        tried += [one for pair in pairs[:1] for one in _list_axis_factors(pair)]
-    if min((one.residual for one in tried), default=np.inf) > FITS:
-        late = [pair for way in ways if (tau := _estimate_offset(windows, way[1])) for pair in _pair_rates(windows, [way], tau)]
+    if _find_least(tried) > FITS and pairs:
+        tried += _list_axis_factors(pairs[0])
+    if _find_least(tried) > FITS:
+        for way in ways:
+            late += _pair_rates(windows, [way], tau) if (tau := _estimate_offset(windows, way[1])) else []
         tried += [one for pair in late for one in _fit_scales_and_axes(pair, scales)]
-        pairs += late
-    if unit in ANGLE_UNITS and min((one.residual for one in tried), default=np.inf) > FITS:
+    if unit in ANGLE_UNITS and _find_least(tried) > FITS:
         word = f"the gyro as increments in {unit}{PER_SAMPLE}, not {unit}"
         summed = _pair_rates(_sum_increments(windows), [((*words, word), reference) for words, reference in ways])
         tried += [one for pair in summed for one in _fit_scales_and_axes(pair, scales)]
     smallest = min(as_read, 2 * HOPELESS)
     best = _choose(tried, LARGEST_RESIDUAL_RATIO * smallest)
-    if min((one.residual for one in tried), default=np.inf) > FITS:
-        smallest = min(smallest, *(one.residual for one in tried))
-        for find in (partial(_list_rotations, pairs, scales), partial(_align, windows, unit in ANGLE_UNITS)):
+    if _find_least(tried) > FITS:
+        smallest = min(smallest, _find_least(tried))
+        for find in (partial(_list_rotations, pairs + late, scales), partial(_align, windows, unit in ANGLE_UNITS)):
             found = _choose(find(), LARGEST_RESIDUAL_RATIO * smallest)
             best, smallest = (best, smallest) if found is None else (found, found.residual)
         if G is not None and smallest > FITS:
-            best = _choose(_list_skew_axes(windows, pairs, scales, G), LARGEST_RESIDUAL_RATIO * smallest) or best
+            best = _choose(_list_skew_axes(windows, pairs + late, scales, G), LARGEST_RESIDUAL_RATIO * smallest) or best
     return Agreement(as_read, best, "" if best is not None and best.kind in ("turn", "alignment") else _describe_cause(windows))
+
+
+def _find_least(readings: Sequence[Reading]) -> float:
+    return min((one.residual for one in readings), default=np.inf)
 
 
 def _choose(readings: Sequence[Reading], largest: float) -> Reading | None:
     """The one that changes least of those that fit as well as the best, if that leaves no more than the largest residual."""
-    least = min((one.residual for one in readings), default=np.inf)
+    least = _find_least(readings)
     if least > largest:
         return None
     good = [one for one in readings if one.residual <= max(RESIDUAL_TIE_FACTOR * least, least + 0.02)]
@@ -232,9 +234,8 @@ def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tup
             words = tuple(filter(None, (word, DIRECTION_WORDS[reverse] if other else "")))
             out.append((words, windows.attitudes(places, other, reverse)))
     # An exchange with the other direction as well is a turn of the axes, and those are tried for every reading.
-    out += [
-        ((word,), windows.attitudes(places, False, reverse)) for places, word in EXCHANGED.items() if order == "scalar-last"
-    ]
+    for places, word in EXCHANGED.items() if order == "scalar-last" else ():
+        out.append(((word,), windows.attitudes(places, False, reverse)))
     return out
 
 
@@ -245,10 +246,7 @@ def explain_refusal(error: LargeResidualError) -> str:
 
 
 def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
-    """Explain large residuals of a recording with the parameters it starts from; empty without an explanation.
-
-    G, bias: (3, 3) and (3,) rad/s, as the rates are adjusted with.
-    """
+    """Explain large residuals of a recording with the parameters it starts from; empty without an explanation."""
     gyro, references = recording.gyro, recording.attitudes
     if not gyro.rates.any():
         return "all rates are zero"
@@ -275,12 +273,11 @@ def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
 
 def _evaluate_as_read(windows: Motion) -> float:
     """Residual of the tables as they are read over that of the motion, less a constant bias if that is smaller."""
-    reference = windows.attitudes()
     gyro, inside = windows.gyro()
-    reference, gyro = reference[inside], gyro[inside]
+    reference = windows.attitudes()[inside]
     if len(reference) < FEWEST_RATE_WINDOWS:
         return np.inf
-    left = reference - gyro
+    left = reference - gyro[inside]
     centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
     return min(_compute_rms(left) / _compute_rms(reference), centred)
 
@@ -288,11 +285,11 @@ def _evaluate_as_read(windows: Motion) -> float:
 def _pair_rates(windows: Motion, ways: Sequence[tuple[tuple[str, ...], Array]], offset_s: float = 0.0) -> list[RatePair]:
     """Mean rates by both sides of each reading of the attitudes, at one time offset."""
     gyro, inside = windows.gyro(offset_s)
+    if inside.sum() < FEWEST_RATE_WINDOWS:
+        return []
     late = (f"{offset_s:+.3g} s added to the attitudes' time tags",) if offset_s else ()
-    pairs = [
-        ((*words, *late), reference[inside], gyro[inside]) for words, reference in ways if inside.sum() >= FEWEST_RATE_WINDOWS
-    ]
-    return [RatePair(words, offset_s, r - r.mean(axis=0), g - g.mean(axis=0)) for words, r, g in pairs]
+    g = gyro[inside] - gyro[inside].mean(axis=0)
+    return [RatePair((*words, *late), offset_s, r[inside] - r[inside].mean(axis=0), g) for words, r in ways]
 
 
 def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Reading]:
@@ -419,8 +416,7 @@ def _estimate_offset(windows: Motion, reference: Array) -> float:
     for fine in (length / 8, length / 40, length / 200):
         near = best + fine * np.arange(-6, 7)
         scores = np.array([_correlate_speeds(windows, speed, tau) for tau in near])
-        if np.isfinite(scores).any():
-            best = float(near[int(np.nanargmax(scores))])
+        best = float(near[int(np.nanargmax(scores))])
     at_zero, gained = _correlate_speeds(windows, speed, 0.0), _correlate_speeds(windows, speed, best)
     return best if np.isnan(at_zero) or 1 - gained < GAINED * (1 - at_zero) else 0.0
 
@@ -438,19 +434,13 @@ def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
     """Factors of the gyro's rates with the units that they stand for, the one as read first."""
     out = {"": 1.0}
     if unit in ALTERNATIVE_RATE_UNITS:
-        out |= {
-            f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit]
-            for true in ALTERNATIVE_RATE_UNITS
-            if true != unit
-        }
+        for true in ALTERNATIVE_RATE_UNITS:
+            out |= {f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit]} if true != unit else {}
     if time_unit in ALTERNATIVE_TIME_UNITS[:3]:
         # Times that are read too long make the attitudes' rates too small.
         read = TIME_UNITS[time_unit]
-        out |= {
-            f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true])
-            for true in ALTERNATIVE_TIME_UNITS
-            if true != time_unit
-        }
+        for true in ALTERNATIVE_TIME_UNITS:
+            out |= {f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true])} if true != time_unit else {}
         out[f"times in {DAY_UNIT}, which are days, not {time_unit}"] = SECONDS_A_DAY * 10.0**read
     return out
 

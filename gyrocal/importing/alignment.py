@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, rotate_onto
+from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, integrate_rates, rotate_onto
 
 Array = NDArray[np.float64]
 
@@ -88,6 +88,11 @@ class Alignment:
         return abs(self.factor - 1) > max(LEAST_FACTOR, SIGNIFICANT_IN_SIGMA * self.factor_sigma)
 
     @property
+    def is_late(self) -> bool:
+        """Whether the time offset differs from zero."""
+        return abs(self.offset_s) > SIGNIFICANT_IN_SIGMA * self.offset_sigma
+
+    @property
     def is_clock_off(self) -> bool:
         """Whether one clock is faster than the other."""
         return abs(self.time_factor - 1) > SIGNIFICANT_IN_SIGMA * self.time_sigma
@@ -100,7 +105,7 @@ class Alignment:
             out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")
         if self.reverse:
             out.append("the other direction of the attitudes")
-        if abs(self.offset_s) > SIGNIFICANT_IN_SIGMA * self.offset_sigma:
+        if self.is_late:
             out.append(f"{self.offset_s:+.6g} s added to the attitudes' time tags (--attitude-offset)")
         if self.is_turned:
             angle = float(np.rad2deg(np.linalg.norm(self.turn)))
@@ -111,10 +116,9 @@ class Alignment:
 
     def describe_offset(self) -> str:
         """The time offset with its sigma, and whether it differs from zero."""
-        differs = abs(self.offset_s) > SIGNIFICANT_IN_SIGMA * self.offset_sigma
         return (
             f"time offset by the rates: {self.offset_s:+.6g} ± {self.offset_sigma:.2g} s (1-sigma) to be added to the "
-            f"attitudes' time tags, which {'differs from zero' if differs else 'does not differ from zero'}"
+            f"attitudes' time tags, which {'differs' if self.is_late else 'does not differ'} from zero"
         )
 
     def describe(self) -> list[str]:
@@ -124,15 +128,14 @@ class Alignment:
         clock = f"{ppm:+.4g} ± {1e6 * self.time_sigma:.2g} ppm"
         if abs(ppm) > 1e5:
             clock = f"times {self.time_factor:.7g} ± {self.time_sigma:.2g}"
+        mounting = ", ".join(f"{a:.4g} ± {b:.2g}" for a, b in zip(turn, sigma, strict=True))
+        left = ", left to the calibration"
         return [
             self.describe_offset(),
             f"clock of the gyro: {clock}{'' if self.is_clock_off else ', which does not differ from zero'}",
             f"direction of the attitudes: {'the other one' if self.reverse else 'as stated'}",
-            "mounting of the gyro (rotation vector): "
-            + ", ".join(f"{a:.4g} ± {b:.2g}" for a, b in zip(turn, sigma, strict=True))
-            + f" deg{'' if self.is_turned else ', left to the calibration'}",
-            f"factor of the rates: {self.factor:.5g} ± {self.factor_sigma:.2g}"
-            f"{'' if self.is_scaled else ', left to the calibration'}",
+            f"mounting of the gyro (rotation vector): {mounting} deg{'' if self.is_turned else left}",
+            f"factor of the rates: {self.factor:.5g} ± {self.factor_sigma:.2g}{'' if self.is_scaled else left}",
         ]
 
 
@@ -141,11 +144,7 @@ def estimate_alignment(
 ) -> Alignment | None:
     """Find the alignment of a gyro with attitudes that may begin and last otherwise; None where no motion shows one.
 
-    Parameters
-    ----------
-    t_s, rates, sample_s : gyro tags (n,), rates (n, 3) rad/s, length of a sample
-    t_ref, q : (m,) s and (m, 4) inertial to body, scalar last
-    accumulated : whether the rates are differences of an accumulated angle, which a factor of time makes smaller
+    accumulated: whether the rates are differences of an accumulated angle, which a factor of time makes smaller
     """
     found = []
     for offset, factor in _search(t_s, rates, sample_s, t_ref, q):
@@ -170,19 +169,16 @@ def estimate_alignment(
 
 
 def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True) -> Alignment | None:
-    """Find the alignment near the tags as they are, in the direction that fits; None of too few windows.
+    """Find the alignment near the tags as they are, in the direction that fits if it is not given; None of too few windows.
 
-    Parameters
-    ----------
-    windows : of both sides
-    reverse : the direction of the attitudes, if it is known
-    with_clock : whether a clock rate is fitted; without it the offset is that of the whole recording
+    Without a clock rate the offset is that of the whole recording.
     """
-    found = [_fit(windows, one, with_clock) for one in ((False, True) if reverse is None else (reverse,))]
-    good = [one for one in found if one is not None]
-    if len(good) == 2:
-        return good[1] if good[1].residual < DIRECTION_RATIO * good[0].residual else good[0]
-    return good[0] if good else None
+    if reverse is not None:
+        return _fit(windows, reverse, with_clock)
+    one, other = (_fit(windows, way, with_clock) for way in (False, True))
+    if one is None or other is None:
+        return one or other
+    return other if other.residual < DIRECTION_RATIO * one.residual else one
 
 
 def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
@@ -210,10 +206,8 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
         model = scale * mean @ C.T
         left = reference[inside] - model - bias
         J = _build_columns(model, scale * slope @ C.T, with_clock * (middle[inside] - t0 - centre))
-        size = np.sqrt(np.sum(J * J, axis=0))
-        size[size == 0] = 1.0
-        N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(9)
-        step = np.linalg.solve(N, (J / size).T @ left.ravel()) / size
+        J, size, N = _scale_columns(J)
+        step = np.linalg.solve(N, J.T @ left.ravel()) / size
         step[0] = np.clip(step[0], -0.5 * length, 0.5 * length)
         step[1] = np.clip(step[1], -length / span, length / span)
         at_centre += step[0]
@@ -224,7 +218,7 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
         if abs(step[0]) + abs(step[1]) * span < 1e-6 * length and np.abs(step[2:6]).max() < 1e-7:
             break
     place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
-    cov = _compute_covariance(J / size, left, N, place) / np.outer(size, size)
+    cov = _compute_covariance(J, left, N, place) / np.outer(size, size)
     r0 = reference[inside] - reference[inside].mean(axis=0)
     turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
     floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
@@ -239,19 +233,10 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
     before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
     least = 1 / np.sqrt(max(independent * np.log(before / after), 1.0))
     offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
-    return Alignment(
-        offset,
-        offset_sigma,
-        factor,
-        time_sigma,
-        reverse,
-        np.asarray(C),
-        turn_sigma,
-        scale,
-        float(scale * np.sqrt(cov[5, 5])),
-        bias,
-        float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
-    )
+    residual = float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300)))
+    scale_sigma = float(scale * np.sqrt(cov[5, 5]))
+    times = offset, offset_sigma, factor, time_sigma
+    return Alignment(*times, reverse, np.asarray(C), turn_sigma, scale, scale_sigma, bias, residual)
 
 
 def _compute_time_covariance(windows: Motion, reference: Array, offset: float, factor: float, since: Array) -> Array:
@@ -268,12 +253,17 @@ def _compute_time_covariance(windows: Motion, reference: Array, offset: float, f
     J = np.stack([slope @ M, (slope @ M) * since[inside, None]], axis=2)
     J = (J - np.tensordot(free, np.tensordot(free.T, J, axes=1), axes=1)).reshape(-1, 2)
     left = reference[inside] - free @ (free.T @ reference[inside])
-    size = np.sqrt(np.sum(J * J, axis=0))
-    size[size == 0] = 1.0
-    N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(2)
+    J, size, N = _scale_columns(J)
     middle = 0.5 * (windows.start_s + windows.stop_s)[inside]
     place = (middle - middle[0]) / max(float(windows.stop_s[-1] - windows.start_s[0]), 1e-300)
-    return _compute_covariance(J / size, left, N, place) / np.outer(size, size)
+    return _compute_covariance(J, left, N, place) / np.outer(size, size)
+
+
+def _scale_columns(J: Array) -> tuple[Array, Array, Array]:
+    """Derivatives (n, p) of unit length, the lengths (p,), and the normal matrix (p, p) with its prior."""
+    size = np.sqrt(np.sum(J * J, axis=0))
+    size[size == 0] = 1.0
+    return J / size, size, (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(size.size)
 
 
 def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float) -> float:
@@ -304,14 +294,7 @@ def _build_columns(model: Array, slope: Array, since_centre: Array) -> Array:
 
 
 def _compute_covariance(J: Array, left: Array, N: Array, place: Array) -> Array:
-    """Sandwich covariance (9, 9) with clusters of time.
-
-    Parameters
-    ----------
-    J, left : (3 n, 9) scaled derivatives and (n, 3) residuals
-    N : (9, 9) normal matrix
-    place : (n,) of the windows, 0 to 1
-    """
+    """Sandwich covariance (p, p), of scaled derivatives (3 n, p), with clusters of time; place (n,) is 0 to 1 in it."""
     scores = (J * left.ravel()[:, None]).reshape(len(left), 3, -1).sum(axis=1)
     cluster = np.minimum((CLUSTERS * place).astype(int), CLUSTERS - 1)
     sums = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
@@ -341,8 +324,7 @@ def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, NDAr
 
 def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -> list[tuple[float, float]]:
     """Offsets and time factors at which the speeds of both correlate best, the tags as they are first."""
-    edges = np.append(t_s, t_s[-1] + sample_s)
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+    edges, angle = integrate_rates(t_s, rates, sample_s)
     turned = Rotation.from_quat(q)
     steps = np.diff(t_ref)
     speed = float(np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / steps, 90))

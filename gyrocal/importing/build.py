@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import permutations, product
 from typing import Any
 
@@ -25,18 +24,13 @@ from gyrocal.importing.column_mapping import (
     is_scalar_first,
     parse_spec,
 )
-from gyrocal.importing.estimates import (
-    compute_largest_miss,
-    estimate_bias,
-    estimate_reference_sigma,
-    estimate_walk,
-)
+from gyrocal.importing.estimates import compute_largest_miss, estimate_bias, estimate_walk
 from gyrocal.importing.intervals import choose_intervals, name_interval
 from gyrocal.importing.motion import Motion, build_motion, rotate_onto
 from gyrocal.importing.reference_join import JoinedReferences
 from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
-from gyrocal.importing.units import compute_gyro_factor, format_degrees
+from gyrocal.importing.units import format_degrees
 from gyrocal.masking import DataMask, find_mask
 from gyrocal.masking.mask import TABLE
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
@@ -84,37 +78,21 @@ class ImportResult:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> ImportResult:
-    """A recording of the streams.
+def build(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> ImportResult:
+    """Build a recording of the streams of both tables; `said` is what was taken for granted before.
 
     An `InputError` if the tables do not overlap, do not fit each other, or are too short.
-
-    Parameters
-    ----------
-    streams : of both tables
-    mapping : what is known beyond the columns
-    check : whether rates and attitudes that do not fit each other are refused, unless the mapping says unchecked
-    said : what was taken for granted before
     """
-    said, check = [*said, *streams.assumed], check and not mapping.unchecked
+    said = [*said, *streams.assumed]
     if not streams.raw.any():
         raise InputError("gyro: all rates are zero; is the gyro switched on, and are these its columns or its topic?")
     is_aligned = mapping.align == "auto"
     if is_aligned:
         streams, mapping = _align(streams, mapping, said)
     stated = read_stated_sigma(mapping, streams.sensors)
-    body = join_sensors(streams.sensors, stated, mapping.spacing_s or 0.0, mapping.build_mountings())
-    G = streams.G
+    body = join_sensors(streams.sensors, stated, mapping)
     _check_overlap(streams, body)
-    if isinstance(mapping.mounting, list):
-        G = Rotation.from_rotvec(mapping.mounting, degrees=True).as_matrix() @ G
-    elif mapping.mounting == "estimate":
-        few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, body.t_s, body.q, 12)
-        C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
-        G = C @ G
-        said.append(f"the gyros' axes are turned to those of the attitudes by {_describe_turn(C)}")
-        if np.linalg.det(C) < 0:
-            said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
+    G = _mount(streams, mapping, body, said)
     rates = streams.raw @ G.T  # of the body, but for the bias
     if streams.gyros is not None:  # about no gyro's axis, and so about the body's
         streams, G = replace(streams, raw=rates), np.eye(3)
@@ -125,31 +103,18 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     if not body.sensors:
         kept = ~mask.mark_false_references(body.t_s)
         body = BodyAttitudes(body.t_s[kept], body.q[kept])
-    estimated = partial(_estimate_gyro, streams, mapping, rates, body, windows)
     found = _evaluate(windows, mapping, streams.sensors[0], G if streams.gyros is None else None)
-    late_s = LATE * streams.sample_s if check else np.inf
-    said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(body, estimated))
+    _check_agreement(found, streams, mapping, rates, body, windows, said)
     near = refine(windows, reverse=False, with_clock=False)
     if near is not None and near.residual <= HOPELESS and not windows.is_coarse and not is_aligned:
         said.append(near.describe_offset())
-    gyro, still, chosen = estimated(said)
-    disagreement = []
+    gyro, still, chosen = _estimate_gyro(streams, mapping, rates, body, windows, said)
+    warnings = []
     if streams.gyros is not None:
         noise = gyro.arw / streams.gyros.gain / np.sqrt(gyro.sample_s)
         said += streams.gyros.describe(noise)
-        disagreement = [text for text in [streams.gyros.find_disagreement(noise)] if text]
-    joined = None
-    if not body.sensors:
-        sigma, degrees = streams.sensors[0].sigma, np.inf
-        if sigma is None:
-            sigma, degrees = (
-                estimate_reference_sigma(gyro, body, chosen, said) if stated is None else (next(iter(stated.values())), np.inf)
-            )
-        used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
-        references = Attitudes(body.t_s[used], body.q[used], np.broadcast_to(sigma, body.q[:, :3].shape)[used])
-        references = replace(references, sigma_estimated=stated is None, sigma_degrees=degrees)
-    else:
-        references, joined = build_references(body, chosen, mapping, gyro, said)
+        warnings.append(streams.gyros.find_disagreement(noise))
+    references, joined = build_references(streams, body, chosen, mapping, stated, gyro, said)
     tables = {} if streams.temperature is None else {"housekeeping": pd.DataFrame(streams.temperature, columns=TEMPERATURE)}
     recording = Recording(
         title=mapping.title or "imported",
@@ -165,9 +130,30 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     said += mask.describe(recording)
     for text in said:
         logger.info("%s", text)
-    warnings = disagreement + _list_warnings(found, mapping, G, near, gyro, bool(still))
-    warnings += [text for text in [describe_mean_rates(windows)] if text and mapping.bias_deg_s is None]
-    return ImportResult(mask.apply(recording), mapping, tuple(said), streams.sensors, joined, tuple(warnings))
+    warnings += _list_warnings(found, mapping, G, near, gyro, bool(still))
+    if mapping.bias_deg_s is None:
+        warnings.append(describe_mean_rates(windows))
+    return ImportResult(mask.apply(recording), mapping, tuple(said), streams.sensors, joined, tuple(filter(None, warnings)))
+
+
+def _mount(streams: Streams, mapping: Mapping, body: BodyAttitudes, said: list[str]) -> Array:
+    """G (3, 3) of the rates about the axes of the attitudes."""
+    G = streams.G
+    if isinstance(mapping.mounting, list):
+        return np.asarray(Rotation.from_rotvec(mapping.mounting, degrees=True).as_matrix() @ G)
+    if mapping.mounting == "as given":
+        return G
+    few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, body.t_s, body.q, 12)
+    if few is None:
+        raise InputError("mounting: too few attitudes within the gyro's time to estimate it")
+    gyro, inside = few.gyro()
+    C, _ = rotate_onto(few.attitudes()[inside], gyro[inside], mirrored=mapping.axes == "tetrahedron")
+    sign = np.sign(np.linalg.det(C))
+    turn = format_degrees(Rotation.from_matrix(C * sign).as_rotvec())
+    said.append(f"the gyros' axes are turned to those of the attitudes by {turn} deg (rotation vector)")
+    if sign < 0:
+        said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
+    return np.asarray(C @ G)
 
 
 def _find_mask(streams: Streams, mapping: Mapping, G: Array, body: BodyAttitudes) -> DataMask:
@@ -195,37 +181,6 @@ def _estimate_gyro(
     return gyro, still, choose_intervals(gyro, body, mapping, said)
 
 
-def _find_largest_miss(
-    body: BodyAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
-) -> float:
-    """Compute the largest angle between an attitude and its propagation from the one before, rad; infinite if unknown."""
-    try:
-        gyro, _, chosen = estimated([])
-        return compute_largest_miss(gyro, body, chosen)
-    except InputError:
-        return np.inf
-
-
-def estimate_mounting(windows: Motion | None, mirrored: bool) -> Array:
-    """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes.
-
-    Parameters
-    ----------
-    windows : of both
-    mirrored : whether C may be a reflection
-    """
-    if windows is None:
-        raise InputError("mounting: too few attitudes within the gyro's time to estimate it")
-    gyro, inside = windows.gyro()
-    return rotate_onto(windows.attitudes()[inside], gyro[inside], mirrored)[0]
-
-
-def _describe_turn(C: Array) -> str:
-    """A rotation, or its mirror image, in words."""
-    turn = Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()
-    return f"{format_degrees(turn)} deg (rotation vector)"
-
-
 def _check_overlap(streams: Streams, body: BodyAttitudes) -> None:
     stop = streams.t_s[-1] + streams.sample_s
     inside = (body.t_s >= streams.t_s[0]) & (body.t_s <= stop)
@@ -247,16 +202,15 @@ def _check_overlap(streams: Streams, body: BodyAttitudes) -> None:
 
 def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array | None) -> Agreement:
     """Compare rates and attitudes under the mapping and its alternatives."""
-    _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = parse_spec(mapping.time, "time")
-    order, reverse = "", False
+    order = ""
     names, words = parse_spec(str(getattr(mapping, mapping.attitude)), mapping.attitude)
     if mapping.attitude == "quat":
         order = QUATERNION_ORDERS[0] if is_scalar_first(names, words) else QUATERNION_ORDERS[1]
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
     others = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
     time_unit = {"unix": "s"}.get(time_unit, time_unit)
-    return evaluate_agreement(windows, unit, time_unit, order, reverse, others=others, G=G)
+    return evaluate_agreement(windows, mapping.gyro_unit, time_unit, order, reverse, others=others, G=G)
 
 
 def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[tuple[tuple[str, ...], Array]]:
@@ -278,32 +232,43 @@ def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> 
     return out
 
 
-def _check_agreement(found: Agreement, late_s: float, is_coarse: bool, carry: Callable[[], float]) -> list[str]:
-    """Refuse what does not fit; what is left of the motion, in words.
+def _check_agreement(
+    found: Agreement, streams: Streams, mapping: Mapping, rates: Array, body: BodyAttitudes, windows: Motion, said: list[str]
+) -> None:
+    """Refuse what does not fit; otherwise say what is left of the motion.
 
-    A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.
-    Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
-    the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
+    A small time offset is taken, and said: a gyro's own delay is for a diagnosis to find. Where attitudes are so far apart that
+    the body turns over between them, their mean rates say nothing: then it counts that the gyro, as read, leads from each to
+    the next, which no wrong reading does several times by chance.
     """
     best = found.best
-    if not found.fits:
-        is_turn, is_free = (best is not None and best.kind == kind for kind in ("turn", "alignment"))
-        if best is not None and is_turn and best.count == 1 and 0 < abs(best.offset_s) <= late_s < np.inf:
-            return [f"{found.sentence}; an offset as small as this is not undone"]
-        if not is_turn and (not is_free or is_coarse):
-            missed = carry()
-            if missed < ARRIVES:
-                return [f"the gyro leads from each attitude used to the next within {np.rad2deg(missed):.2g} deg"]
-        if np.isfinite(late_s):
-            raise InputError(found.sentence)
-        return [f"imported unchecked although {found.sentence}"]
-    return [found.summary, *([] if best is None else [f"the calibration may start nearer: {best.sentence}"])]
+    kind = "" if best is None else best.kind
+    if found.fits:
+        said.append(found.summary)
+        if best is not None:
+            said.append(f"the calibration may start nearer: {best.sentence}")
+        return
+    late_s = LATE * streams.sample_s
+    if best is not None and kind == "turn" and best.count == 1 and 0 < abs(best.offset_s) <= late_s and not mapping.unchecked:
+        said.append(f"{found.sentence}; an offset as small as this is not undone")
+        return
+    if kind != "turn" and (kind != "alignment" or windows.is_coarse):
+        try:
+            gyro, _, chosen = _estimate_gyro(streams, mapping, rates, body, windows, [])
+            missed = compute_largest_miss(gyro, body, chosen)
+        except InputError:
+            missed = np.inf
+        if missed < ARRIVES:
+            said.append(f"the gyro leads from each attitude used to the next within {np.rad2deg(missed):.2g} deg")
+            return
+    if not mapping.unchecked:
+        raise InputError(found.sentence)
+    said.append(f"imported unchecked although {found.sentence}")
 
 
 def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams, Mapping]:
     """Streams and mapping with the alignment that the rates of both sides show, and all of it in words."""
-    _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
-    accumulated = compute_gyro_factor(unit, mapping.lsb)[1]
+    accumulated = mapping.gyro_factor[1]
     if mapping.mountings is not None:
         raise InputError("align: goes with no mountings of attitude sensors; give the sensors one by one")
     first = streams.sensors[0]
@@ -337,21 +302,21 @@ def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams
         entries[mapping.attitude] = _exchange_direction(str(getattr(mapping, mapping.attitude)))
     if found.is_turned and mapping.mounting != "estimate":
         entries["mounting"] = np.rad2deg(found.turn).tolist()
-    aligned = replace(streams, t_s=t_s, raw=raw, sample_s=factor * streams.sample_s, sensors=sensors)
-    if streams.gyros is not None:
-        residuals = streams.gyros.residuals * scale / (factor if accumulated else 1.0)
-        aligned = replace(aligned, gyros=replace(streams.gyros, residuals=residuals))
-    if streams.temperature is not None:
+    gyros, temperature = streams.gyros, streams.temperature
+    if gyros is not None:
+        gyros = replace(gyros, residuals=gyros.residuals * scale / (factor if accumulated else 1.0))
+    if temperature is not None:
         start = np.array([streams.t_s[0], 0.0])
-        aligned = replace(aligned, temperature=start + np.array([factor, 1.0]) * (streams.temperature - start))
+        temperature = start + np.array([factor, 1.0]) * (temperature - start)
+    sample_s = factor * streams.sample_s
+    aligned = replace(streams, t_s=t_s, raw=raw, sample_s=sample_s, sensors=sensors, gyros=gyros, temperature=temperature)
     return aligned, mapping.model_copy(update=entries)
 
 
 def _exchange_direction(text: str) -> str:
     """The text of a mapping with the other direction."""
-    pairs = (("body-to-inertial", "inertial-to-body"), ("body-to-world", "world-to-body"))
-    other = {a: b for one, two in pairs for a, b in ((one, two), (two, one))}
-    return ":".join(other.get(word.strip(), word) for word in text.split(":"))
+    words = [word.strip() if word.strip() in ATTITUDE_DIRECTIONS else word for word in text.split(":")]
+    return ":".join("-to-".join(word.split("-to-")[::-1]) if word in ATTITUDE_DIRECTIONS else word for word in words)
 
 
 def _list_warnings(

@@ -35,13 +35,7 @@ TDB = ["DELTET/DELTA_T_A = 32.184", "DELTET/K = 1.657D-3", "DELTET/EB = 1.671D-2
 
 @contextmanager
 def _open_toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
-    """Give NAIF's toolkit with some kernels loaded, and unload them afterwards.
-
-    Parameters
-    ----------
-    what : with which a message begins
-    kernels : in the order in which they are loaded
-    """
+    """Give NAIF's toolkit with some kernels loaded, and unload them afterwards."""
     try:
         import spiceypy
     except ImportError:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gyrocal.errors import InputError
+from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import format_validation_error, read_toml
 from gyrocal.recording.checks import NORM_TOLERANCE
 from gyrocal.recording.header import IntervalHeader
@@ -120,6 +121,16 @@ class Mapping(BaseModel):
         return self.rate_hz is not None or self.sample_number is not None
 
     @property
+    def gyro_unit(self) -> str:
+        """Unit of the gyro's columns."""
+        return parse_spec(self.gyro, "gyro")[1][0]
+
+    @property
+    def gyro_factor(self) -> tuple[float, bool]:
+        """Factor from the gyro's columns to rad/s or rad, and whether they are accumulated angles."""
+        return compute_gyro_factor(self.gyro_unit, self.lsb)
+
+    @property
     def attitude(self) -> str:
         """Which of quat, euler and matrix is given."""
         given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
@@ -152,11 +163,11 @@ class Mapping(BaseModel):
         if self.gyros is None:
             return list(range(len(names)))
         plain = [name.removeprefix("-") for name in names]
-        found = {part: find_name(part.strip(), plain, "gyros", "gyro") for part in self.gyros.split(",")}
-        unknown = [part for part, one in found.items() if one is None]
-        if unknown:
+        parts = self.gyros.split(",")
+        found = [find_name(part.strip(), plain, "gyros", "gyro") for part in parts]
+        if unknown := dict.fromkeys(part for part, one in zip(parts, found, strict=True) if one is None):
             raise InputError(f"gyros: no gyro {', '.join(unknown)}; there are {', '.join(plain)}, or 1 to {len(names)}")
-        places = [plain.index(found[part][1]) for part in self.gyros.split(",")]  # type: ignore[index]
+        places = [plain.index(one[1]) for one in found if one is not None]
         if len(places) < 3 or len(set(places)) < len(places):
             raise InputError(f"gyros: three or more different ones are needed, not {self.gyros}")
         return places
@@ -204,13 +215,7 @@ def load_mapping(path: Path) -> dict[str, Any]:
 
 
 def validate_mapping(entries: dict[str, Any], source: str, attitude_needed: bool = True) -> Mapping:
-    """A mapping of entries.
-
-    Parameters
-    ----------
-    entries, source : the mapping, and where it stands
-    attitude_needed : whether it must name attitudes
-    """
+    """Build a mapping of entries; source is where they stand. An `InputError` if one is not understood or missing."""
     entries = {key: value for key, value in entries.items() if value is not None}
     for name, example in (("time", "timestamp_ms:ms"), ("gyro", "gx,gy,gz:deg/s")):
         if name not in entries:
@@ -279,8 +284,12 @@ def convert_attitude(kind: str, text: str, values: Array) -> Array:
     needed = {"quat": 4, "euler": 3, "matrix": 9}[kind]
     if len(names) != needed:
         raise InputError(f"{kind}: {needed} columns are needed, not {len(names)}")
+    if kind != "euler":
+        allowed = QUATERNION_ORDERS if kind == "quat" else ()
+        if unknown := [word for word in others if word not in allowed]:
+            known = ", ".join((*ATTITUDE_DIRECTIONS, *allowed))
+            raise InputError(f"{kind}: {', '.join(unknown)} is not understood; known: {known}")
     if kind == "quat":
-        _refuse_others(kind, others, QUATERNION_ORDERS)
         q = np.roll(values, -1, axis=1) if is_scalar_first(names, words) else values
         norm = np.linalg.norm(q, axis=1)
         _refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
@@ -297,20 +306,11 @@ def convert_attitude(kind: str, text: str, values: Array) -> Array:
         except ValueError as fault:
             raise InputError(f"euler: {sequence[0]}: {fault}") from None
     else:
-        _refuse_others(kind, others, ())
         M = values.reshape(-1, 3, 3)
         off = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         _refuse_rows(kind, (off > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
         rotation = Rotation.from_matrix(M)
     return np.asarray((rotation.inv() if inverse[0] else rotation).as_quat())
-
-
-def _refuse_others(kind: str, words: list[str], allowed: tuple[str, ...]) -> None:
-    unknown = [word for word in words if word not in allowed]
-    if unknown:
-        raise InputError(
-            f"{kind}: {', '.join(unknown)} is not understood; known: {', '.join((*ATTITUDE_DIRECTIONS, *allowed))}"
-        )
 
 
 def _refuse_rows(kind: str, bad: NDArray[np.bool_], what: str) -> None:

@@ -7,18 +7,23 @@ A name may be a column's number from 1, as "#9", or as "9" where no column has t
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, PLACE, QUATERNION_ORDERS, Mapping, find_name
-from gyrocal.importing.units import ANGLE_UNITS, COUNTS_UNIT, PER_SAMPLE, RATE_UNITS, TIME_WORDS
-
-if TYPE_CHECKING:
-    import pandas as pd
+from gyrocal.importing.units import ANGLE_UNITS, COUNTS_UNIT, INCREMENT_UNITS, RATE_UNITS, TIME_WORDS
 
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
-MAPPING_WORDS = {*ATTITUDE_DIRECTIONS, *QUATERNION_ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_WORDS, COUNTS_UNIT}
-MAPPING_WORDS |= {unit + PER_SAMPLE for unit in ANGLE_UNITS}
+MAPPING_WORDS = {
+    *ATTITUDE_DIRECTIONS,
+    *QUATERNION_ORDERS,
+    *ANGLE_UNITS,
+    *RATE_UNITS,
+    *INCREMENT_UNITS,
+    *TIME_WORDS,
+    COUNTS_UNIT,
+}
 # Entries with columns of each table, and how many of the pieces between colons are words: None any number from one on.
 GYRO_ENTRIES = {"time": None, "gyro": None, "gyro_by": 0, "sample_number": 0, "temperature": 0, "rows": None}
 ATTITUDE_ENTRIES = {"attitude_time": None, "quat": None, "euler": None, "matrix": None, "attitude_by": 0, "sigma_deg": 0}
@@ -29,10 +34,7 @@ def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping
 
     A name with a comma or a colon, which a mapping cannot hold, gets spaces in their place.
 
-    Parameters
-    ----------
-    gyro, attitude : the tables; the same object where one holds both
-    mapping : with names, or numbers from 1
+    gyro, attitude: the tables; the same object where one holds both
     """
     is_one = gyro is attitude
     entries: dict[str, str] = {}

@@ -8,21 +8,16 @@ from __future__ import annotations
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, convert_to_second, parse_date
 from gyrocal.recording import Interval, Recording, format_toml
 from gyrocal.recording.tables import RATE_COLUMNS
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-Array = NDArray[np.float64]
 
 NANO = 10**9
 
@@ -51,7 +46,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     }
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
-    entries["interval"] = [_format_span(one, begins_s) for one in recording.intervals]
+    entries["interval"] = [_build_span(one, begins_s) for one in recording.intervals]
     for name, table in (("gyro", gyro), ("attitude", attitude)):
         with open_replacement(folder / f"{name}.csv") as file:
             file.write(table.to_csv(index=False).encode())
@@ -59,7 +54,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
         file.write("".join(f"{name} = {format_toml(value)}\n" for name, value in entries.items()).encode())
 
 
-def _format_span(interval: Interval, begins_s: float) -> dict[str, Any]:
+def _build_span(interval: Interval, begins_s: float) -> dict[str, Any]:
     """An interval as a mapping states it, without what is not said."""
     values = asdict(interval) | {"start_s": interval.start_s + begins_s, "stop_s": interval.stop_s + begins_s}
     return {name: value for name, value in values.items() if value is not None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,12 +18,7 @@ from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.reference_join import SensorReferences
-from gyrocal.importing.reference_sigma import (
-    MAD_TO_SIGMA,
-    ReferenceSigma,
-    Turns,
-    fit_reference_sigma,
-)
+from gyrocal.importing.reference_sigma import MAD_TO_SIGMA, ReferenceSigma, Turns, fit_reference_sigma
 from gyrocal.importing.streams import BodyAttitudes, Streams
 from gyrocal.importing.units import format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
@@ -54,38 +50,37 @@ def estimate_bias(
         return np.deg2rad(mapping.bias_deg_s)
     if still:
         first, stop = still[0]
-        bias = -rates[first:stop].mean(axis=0)
-        said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is minus the mean of the first rest")
-        return np.asarray(bias)
-    if windows.is_coarse:
+        bias, how = -rates[first:stop].mean(axis=0), "minus the mean of the first rest"
+    elif windows.is_coarse:
         bias, left = _estimate_bias_of_turns(rates, joined, streams)
+        how = "from the turns between attitudes far apart"
         if left > np.deg2rad(LARGEST_MISS_DEG):
             said.append(
                 "bias to start from is zero: the attitudes are too far apart to tell it; give bias_deg_s if it is known"
             )
             return np.zeros(3)
-        said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is from the turns between attitudes far apart")
-        return bias
-    gyro, inside = windows.gyro()
-    difference = windows.attitudes()[inside] - gyro[inside]
-    bias = difference.mean(axis=0)
-    # Without a rest the mean difference holds errors of G too: it is used only where it is larger than they may be.
-    if np.linalg.norm(bias) < 0.02 * np.linalg.norm(gyro[inside], axis=1).mean():
-        said.append("bias to start from is zero")
-        return np.zeros(3)
-    said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is the mean difference of attitudes' and gyro's rates")
+    else:
+        gyro, inside = windows.gyro()
+        bias = (windows.attitudes()[inside] - gyro[inside]).mean(axis=0)
+        how = "the mean difference of attitudes' and gyro's rates"
+        # Without a rest the mean difference holds errors of G too: it is used only where it is larger than they may be.
+        if np.linalg.norm(bias) < 0.02 * np.linalg.norm(gyro[inside], axis=1).mean():
+            said.append("bias to start from is zero")
+            return np.zeros(3)
+    said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is {how}")
     return np.asarray(bias)
 
 
 def _estimate_bias_of_turns(rates: Array, joined: BodyAttitudes, streams: Streams) -> tuple[Array, float]:
     """b from the turns between successive attitudes, by Gauss-Newton from zero, and the median miss that it leaves, rad."""
     inside = np.flatnonzero((joined.t_s >= streams.t_s[0]) & (joined.t_s <= streams.t_s[-1] + streams.sample_s))
-    pairs = _list_pairs(GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), np.zeros(3)), joined.t_s, [inside])
+    gyro = GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), np.zeros(3))
+    pairs = _list_pairs(gyro, joined.t_s, [inside])
     bias, left = np.zeros(3), np.inf
     try:
         for _ in range(BIAS_STEPS):
-            gyro = GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), bias)
-            theta, _, run = compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))
+            gyro = replace(gyro, apriori_bias=bias)
+            theta, _, run = compute_misses(gyro, joined.t_s, joined.q, pairs)
             left = float(np.median(np.linalg.norm(theta, axis=1)))
             bias = bias - np.linalg.lstsq(run.Theta[:, :, 9:].reshape(-1, 3), theta.ravel(), rcond=None)[0]
     except InputError:
@@ -98,9 +93,10 @@ def estimate_walk(
 ) -> tuple[float, float]:
     """Angle random walk of the rates, rad/sqrt(s), and its degrees of freedom: infinite if stated, 0 of an upper bound."""
     stated, joined = mapping.arw_deg_per_sqrt_s, streams.gyros
+    gain = 1.0 if joined is None else joined.gain
     if stated is not None:
         each = float(np.sqrt(np.mean(np.square(stated)))) if joined is None or not isinstance(stated, list) else 1.0
-        return float(np.deg2rad(each)) * (1.0 if joined is None else joined.gain), np.inf
+        return float(np.deg2rad(each)) * gain, np.inf
     if joined is not None:
         parity = (joined.residuals / joined.spread)[:, np.isfinite(joined.residuals).any(axis=0)]
         stretches, how = [parity[np.isfinite(parity).all(axis=1)]], "the parity of the gyros"
@@ -112,7 +108,7 @@ def estimate_walk(
         raise InputError("gyro: too few samples to tell its noise; give arw_deg_per_sqrt_s")
     if walk is None:
         walk, how = estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
-    arw = float(np.sqrt(np.mean(np.square(walk)))) * (1.0 if joined is None else joined.gain)
+    arw = float(np.sqrt(np.mean(np.square(walk)))) * gain
     if not arw > 0:
         raise InputError("gyro: its noise cannot be told from these rates; give arw_deg_per_sqrt_s")
     said.append(f"angle random walk {np.rad2deg(arw):.4g} deg/sqrt(s), from {how}")
@@ -147,11 +143,7 @@ def estimate_sensor_sigma(
     What the gyro misses from one attitude to the next, or second differences, whichever is less: motion that a gyro follows
     adds to the latter, and what a gyro does not follow to both.
 
-    Parameters
-    ----------
-    sensor : its attitudes, with the sigma of its second differences, an upper bound
-    M : (3, 3) body to sensor
-    chosen : its rows in each interval
+    sensor has the sigma of its second differences, an upper bound; M (3, 3) is body to sensor, chosen its rows by interval.
     """
     q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.quaternions))
     own = _find_reference_sigma(gyro, sensor.t_s, q, chosen, M)
@@ -171,13 +163,10 @@ def _describe_bounds(found: ReferenceSigma) -> str:
 
 
 def _find_reference_sigma(gyro: GyroStream, t_s: Array, q: Array, chosen: list[Indices], M: Array) -> ReferenceSigma | None:
-    """Sigma of attitudes (m, 4) of the body about axes that M takes those of the body to.
+    """Sigma of attitudes (m, 4) of the body about axes that M takes those of the body to; None of too few.
 
-    It is zero where the attitudes scatter less than the gyro, and None of too few. All attitudes within the intervals count,
-    as they were given. Where those that are used scatter significantly more, neighbouring ones share their errors, and the
-    used ones count.
-
-    chosen: rows of the attitudes that are used in each interval
+    It is zero where the attitudes scatter less than the gyro. All attitudes within the intervals count, as they were given.
+    Where the chosen ones scatter significantly more, neighbouring ones share their errors, and the chosen ones count.
     """
     used = _list_pairs(gyro, t_s, chosen)
     if len(used) < FEWEST_PAIRS:
@@ -211,7 +200,7 @@ def _list_pairs(gyro: GyroStream, t_ref: Array, chosen: list[Indices]) -> list[t
 
 def compute_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Turns:
     """Turns between two attitudes (m, 4) of the body each, with their derivatives by G, the bias and the time of the gyro."""
-    miss, prepared, run = compute_misses(_build_pieces(gyro, t_s, q, pairs))
+    miss, prepared, run = compute_misses(gyro, t_s, q, pairs)
     ends = np.array(pairs)
     follows = np.append(False, ends[1:, 0] == ends[:-1, 1])
     shift = _compute_rate_changes(gyro, t_s[ends], run.R, prepared.elapsed_s, follows)
@@ -223,6 +212,25 @@ def compute_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int,
     noise_s = prepared.elapsed_s - before - after + (before**2 + after**2) / T
     shared_s = np.append(0.0, after[:-1] * before[1:] / T)
     return Turns(miss, columns, run.R, noise_s, shared_s, follows)
+
+
+def compute_misses(
+    gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]
+) -> tuple[Array, Measurements, Propagation]:
+    """Compute by how much the gyro, from one attitude of each pair, misses the other (n, 3), rad; arcs; propagation."""
+    used = np.unique(np.array(pairs))
+    A = attitude.matrix_from_quaternion(q[used])
+    prepared = prepare_measurements(
+        Recording(
+            title="increments",
+            epoch="",
+            gyro=gyro,
+            attitudes=Attitudes(t_s[used], q[used], np.full((used.size, 3), np.deg2rad(1.0))),
+            intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
+        )
+    )
+    run = propagate(prepared.arcs, gyro.apriori_G, gyro.apriori_bias)
+    return attitude.residual(A[prepared.row], run.R @ A[prepared.start]), prepared, run
 
 
 def _compute_rate_changes(gyro: GyroStream, ends_s: Array, R: Array, elapsed_s: Array, follows: NDArray[np.bool_]) -> Array:
@@ -248,28 +256,14 @@ def compute_largest_miss(gyro: GyroStream, joined: BodyAttitudes, chosen: list[I
     pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_ARRIVALS:
         return np.inf
-    theta, *_ = compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))
+    theta, *_ = compute_misses(gyro, joined.t_s, joined.q, pairs)
     return float(np.linalg.norm(theta, axis=1).max())
-
-
-def _build_pieces(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Recording:
-    """A recording whose intervals are from one attitude to another."""
-    used = np.unique(np.array(pairs))
-    return Recording(
-        title="increments",
-        epoch="",
-        gyro=gyro,
-        attitudes=Attitudes(t_s[used], q[used], np.full((used.size, 3), np.deg2rad(1.0))),
-        intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
-    )
 
 
 def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | None:
     """Angle random walk (k,) rad/sqrt(s) of white rate noise: overlapping Allan deviation near `ALLAN_S`, times its root.
 
-    Returns None if no stretch is long enough.
-
-    stretches: rates (n, k) each, rad/s, constant but for noise and slow drift.
+    stretches: rates (n, k) each, rad/s, constant but for noise and slow drift; None if none is long enough
     """
     m = max(round(ALLAN_S / sample_s), 1)
     long = [rates for rates in stretches if len(rates) >= 3 * m]
@@ -297,11 +291,3 @@ def estimate_walk_in_motion(rates: Array, sample_s: float) -> Array:
     """
     third = np.diff(rates, n=3, axis=0)
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(third), axis=0) / np.sqrt(20.0) * np.sqrt(sample_s))
-
-
-def compute_misses(recording: Recording) -> tuple[Array, Measurements, Propagation]:
-    """Compute residuals (m, 3) of references against propagation from their interval's first one, rad; arcs; propagation."""
-    prepared = prepare_measurements(recording)
-    run = propagate(prepared.arcs, recording.gyro.apriori_G, recording.gyro.apriori_bias)
-    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    return attitude.residual(A[prepared.row], run.R @ A[prepared.start]), prepared, run

@@ -11,20 +11,17 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing import import_tables, validate_mapping
+from gyrocal.importing.build import ImportResult
 from gyrocal.importing.streams import read_csv
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from gyrocal.importing.build import ImportResult
 
 Array = NDArray[np.float64]
 

@@ -43,14 +43,10 @@ class JoinedGyros:
     freedom: Array  # (k,) f_i, mean over the rows
 
     def describe(self, unit: float) -> list[str]:
-        """Say how well the gyros agree, a sentence each.
-
-        unit: rad/s of one unit of the gyros' `noise`, for one sample; zero if it is not known.
-        """
+        """Say how well the gyros agree, a sentence each; unit is rad/s of one unit of the gyros' `noise`, for one sample."""
         said = [f"the gyros {', '.join(self.names)} are joined to the rates about x, y and z by least squares"]
         for name, mean, rms, ratio in zip(self.names, *self._summarise(unit), strict=True):
-            noises = f", {ratio:.3g} times its noise" if np.isfinite(ratio) else ""
-            differs = f"{np.rad2deg(rms):.4g} deg/s RMS (mean {np.rad2deg(mean):.4g}){noises}"
+            differs = f"{np.rad2deg(rms):.4g} deg/s RMS (mean {np.rad2deg(mean):.4g}), {ratio:.3g} times its noise"
             said.append(
                 f"gyro {name} differs from what the others say by {differs}"
                 if np.isfinite(rms)
@@ -59,10 +55,7 @@ class JoinedGyros:
         return said
 
     def find_disagreement(self, unit: float) -> str:
-        """Name the gyro that does not agree with the others, and the remedy; empty where all agree within their noise.
-
-        unit: as in `describe`.
-        """
+        """Name the gyro that does not agree with the others, and the remedy; empty where all agree within their noise."""
         _, rms, ratio = self._summarise(unit)
         if not np.isfinite(ratio).any():
             return ""
@@ -98,7 +91,7 @@ class JoinedGyros:
         count = np.where(seen.any(axis=0), seen.sum(axis=0), np.nan)
         mean = np.nansum(self.residuals, axis=0) / count
         rms = np.sqrt(np.nansum(np.square(self.residuals), axis=0) / count)
-        return mean, rms, rms / (self.spread * unit) if unit > 0 else np.full(len(rms), np.nan)
+        return mean, rms, rms / (self.spread * unit)
 
 
 def join_gyros(

@@ -7,21 +7,19 @@ accumulated angle are means over the time between two tags exactly, whatever lie
 from __future__ import annotations
 
 from shlex import quote
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
-from gyrocal.importing.gyro_join import measure_all_directions
+from gyrocal.importing.gyro_join import JoinedGyros, join_gyros, measure_all_directions
 from gyrocal.importing.held_readings import find_held_readings
 from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -38,21 +36,27 @@ OVERFLOW_COUNTS = 2.0**16  # readings of a rate are numbers of 16 bits
 FEWEST_OVERFLOWS = 4
 
 
-def read_gyro_rows(
-    frame: pd.DataFrame, mapping: Mapping
-) -> tuple[units.Clock, Array, tuple[str, ...], Array, Array | None, list[str]]:
-    """Time tags, numbers, names, G (3, k) and sample numbers of the gyro's rows, and what is said of them."""
+class GyroRows(NamedTuple):
+    """Rows of the gyro's table that hold numbers."""
+
+    clock: units.Clock  # their time tags
+    values: Array  # (n, k) numbers as they are on file
+    names: tuple[str, ...]  # of the k gyros
+    G: Array  # (3, k) as the mapping states it
+    number: Array | None  # (n,) sample numbers, where a column has them
+
+
+def read_gyro_rows(frame: pd.DataFrame, mapping: Mapping, said: list[str]) -> GyroRows:
+    """Read the rows of the gyro's table, and arrange those of several gyros side by side."""
     names, words = parse_spec(mapping.gyro, "gyro")
-    tags, unit = parse_spec(mapping.time, "time")
-    said = []
+    time = mapping.time
     if mapping.rows is not None:
         frame = _select_rows(frame, mapping.rows)
         said.append(f"{len(frame)} rows of the gyro's table, those of {mapping.rows}, are read")
     if mapping.gyro_by is not None:
         if mapping.sample_number is not None:
             raise InputError("sample_number: does not go with gyro_by, whose rows are put together by their time")
-        frame, names, tags, unit, own = _arrange_by_gyro(frame, mapping.gyro_by, tags, unit, names)
-        said += own
+        frame, names, time = _arrange_by_gyro(frame, mapping.gyro_by, time, names, said)
     if len(words) != 1:
         raise InputError(
             f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
@@ -68,19 +72,41 @@ def read_gyro_rows(
         G = G if mapping.gyros is None else np.linalg.pinv(K)
     names = [names[one] for one in chosen]
     if mapping.gyro_by is not None and not (np.isfinite(read_numbers(frame, names, "gyro")).sum(axis=1) >= 3).any():
-        accumulated = units.compute_gyro_factor(words[0], mapping.lsb)[1]
-        frame, own = _interpolate_gyros(frame, names, tags, accumulated, mapping.wrap)
-        said += own
-    channels = tuple(name.removeprefix("-") for name in names)
-    counter = [mapping.sample_number] if mapping.sample_number is not None else []
-    if counter:
-        select_columns(frame, counter, "sample_number")
-    spare = 0 if counter else len(names) - 3
-    clock, values, left_out = read_rows(
-        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None, spare, not mapping.is_counted
+        frame = _interpolate_gyros(frame, names, mapping, said)
+    counter = [] if mapping.sample_number is None else [mapping.sample_number]
+    select_columns(frame, counter, "sample_number")
+    spare, is_table = 0 if counter else len(names) - 3, mapping.gyro_by is None
+    clock, values = read_rows(
+        frame, [*names, *counter], "gyro", "gyro", ("time", time), said, is_table, spare, not mapping.is_counted
     )
     number = _unwrap_sample_number(values[:, -1]) if counter else None
-    return clock, values[:, : len(names)], channels, G, number, said + left_out
+    return GyroRows(clock, values[:, : len(names)], tuple(name.removeprefix("-") for name in names), G, number)
+
+
+def build_samples(
+    rows: GyroRows, origin: int, mapping: Mapping, frame: pd.DataFrame, said: list[str]
+) -> tuple[Array, Array, float, Array, JoinedGyros | None]:
+    """Starts (n,) s, rates (n, 3) rad/s and length of the gyro's samples, their G, and gyros that are joined.
+
+    origin, frame: whole second from which times count, and the gyro's table
+    """
+    t_s = _put_on_even_times(rows, rows.clock.subtract(origin), mapping, frame, said)
+    t_s, raw = sort_rows(t_s, rows.values, "gyro", said)
+    t_s = t_s[0] + mapping.time_factor * (t_s - t_s[0])
+    t_s, raw, sample_s = _convert_to_rates(t_s, raw, mapping, said)
+    factors = {"gyro's time tags are about the first one": mapping.time_factor, "rates are": mapping.rate_factor}
+    said += [f"the {what} times {factor:.9g}" for what, factor in factors.items() if factor != 1]
+    raw, names = mapping.rate_factor * raw, rows.names
+    if len(names) == 3:
+        return t_s, raw, sample_s, rows.G, None
+    joined = join_gyros(raw, np.linalg.pinv(rows.G), noise=mapping.get_relative_noise(len(names)), names=names)
+    kept, whole = np.isfinite(joined.rates).all(axis=1), np.isfinite(raw).all(axis=1)
+    if not whole.all():
+        said.append(
+            f"{int((kept & ~whole).sum())} gyro row(s) in which a gyro is missing use the others; "
+            f"{int((~kept).sum())} of fewer than three with independent axes are left out"
+        )
+    return t_s[kept], joined.rates[kept], sample_s, np.eye(3), joined
 
 
 def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
@@ -107,69 +133,65 @@ def _unwrap_sample_number(values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(step)])
 
 
-def put_on_even_times(
-    t_s: Array, raw: Array, number: Array | None, rows: NDArray[np.int64], mapping: Mapping, frame: pd.DataFrame
-) -> tuple[Array, list[str]]:
-    """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
+def _put_on_even_times(rows: GyroRows, t_s: Array, mapping: Mapping, frame: pd.DataFrame, said: list[str]) -> Array:
+    """Tags (n,) s on an even time base where more than a percent are uneven, or the mapping states number or rate.
 
-    Returns tags of the rows, and what is changed.
-
-    Parameters
-    ----------
-    t_s, raw, number, rows : of `read_gyro_rows`, tags in s, and their rows in the table
-    frame : the gyro's table
+    A change of the tags is said before all else.
     """
-    asked = mapping.is_counted
+    asked, number, rate_hz = mapping.is_counted, rows.number, mapping.rate_hz
     if t_s.size < 2 or (np.ptp(t_s) == 0 and not asked):
-        return t_s, []
-    tie = np.concatenate([[False], np.diff(t_s) == 0])
-    same = tie & np.concatenate([[False], (np.diff(raw, axis=0) == 0).all(axis=1)])
+        return t_s
+    tie = np.append(False, np.diff(t_s) == 0)
+    same = tie & np.append(False, (np.diff(rows.values, axis=0) == 0).all(axis=1))
     if number is None and tie.any() and (same == tie).all():
-        return t_s, []  # rows written twice, which are left out
-    _, words = parse_spec(mapping.gyro, "gyro")
-    _, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
+        return t_s  # rows written twice, which are left out
     # Differences of an accumulated angle are divided by those of its tags, and only those with one tag have no such rate.
-    uneven = tie.mean() > MOST_LOST_SHARE if accumulated else is_uneven(t_s)
+    uneven = tie.mean() > MOST_LOST_SHARE if mapping.gyro_factor[1] else is_uneven(t_s)
     if not asked and not uneven:
-        return t_s, []
+        return t_s
     if not asked:
         _refuse_several_gyros(frame, mapping, (t_s.size - 1) / np.ptp(t_s))
-    found = fit_even_times(t_s, number, None if mapping.rate_hz is None else 1 / mapping.rate_hz)
-    if mapping.rate_hz is not None and (found is None or found.drift_s):
-        step = rows - rows[0] if number is None else number
+    found = fit_even_times(t_s, number, None if rate_hz is None else 1 / rate_hz)
+    if rate_hz is not None and (found is None or found.drift_s):
+        places = rows.clock.rows
+        step = places - places[0] if number is None else number
         usual = np.median(np.diff(step)) if number is None and step.size > 1 else 1  # rows of other gyros may lie between
-        even = np.round(step / usual) / mapping.rate_hz
+        even = np.round(step / usual) / rate_hz
         even += np.median(t_s - even)
-        by = f"{np.sqrt(np.mean(np.square(even - t_s))):.3g} s (RMS), {np.abs(even - t_s).max():.3g} s at most"
-        return even, [
-            f"the gyro's time tags do not follow the stated {mapping.rate_hz:.9g} Hz, which replaces them: moved by {by}"
-        ]
+        text = f"do not follow the stated {rate_hz:.9g} Hz, which replaces them: moved by {_describe_moves(even - t_s)}"
+        said.insert(0, f"the gyro's time tags {text}")
+        return even
     if found is None:
-        usual = float(np.median(np.diff(t_s)[np.diff(t_s) > 0]))
-        close = np.diff(t_s) < 0.5 * usual
-        rate_hz = 1 / max(estimate_spacing(t_s, np.arange(t_s.size, dtype=np.float64)), np.finfo(float).tiny)
-        if not asked and close.mean() <= MOST_LOST_SHARE:
-            return t_s, []
-        raise InputError(
-            f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
-            "of it, and the tags do not follow the number of the row; "
-            + ("is the sample number that of these rows?" if asked else f"state the samples a second: --rate {rate_hz:.5g}")
-            + (
-                ""
-                if asked or len(frame.columns) < 5 + (mapping.temperature is not None)
-                else ", or a column that counts the samples, --sample-number COLUMN"
-            )
-        )
-    moved = t_s - found.t_s
+        _refuse_uneven(t_s, asked, len(frame.columns) > 4 + (mapping.temperature is not None))
+        return t_s
     text = (
         f"the gyro's time tags are put on an even time base of {1e3 * found.sample_s:.6g} ms by a straight line through the "
-        f"tags against the {'row' if number is None else 'sample'} number, as they come in {found.errors}; they are moved by "
-        f"{np.sqrt(np.mean(moved**2)):.3g} s (RMS), {np.abs(moved).max():.3g} s at most"
+        f"tags against the {'row' if number is None else 'sample'} number, as they {found.errors}; they are moved by "
+        f"{_describe_moves(t_s - found.t_s)}"
     )
-    text = text.replace("come in jitter", "have jitter").replace("come in late arrival", "have late arrival")
     if found.drift_s:
         text += f"; the clock drifts from a straight line by {found.drift_s:.3g} s, which is kept"
-    return found.t_s, [text]
+    said.insert(0, text)
+    return found.t_s
+
+
+def _describe_moves(moved: Array) -> str:
+    return f"{np.sqrt(np.mean(moved**2)):.3g} s (RMS), {np.abs(moved).max():.3g} s at most"
+
+
+def _refuse_uneven(t_s: Array, asked: bool, has_more_columns: bool) -> None:
+    """Refuse tags that follow no line, unless hardly a row is closer than half a sample to the one before."""
+    close = np.diff(t_s) < 0.5 * float(np.median(np.diff(t_s)[np.diff(t_s) > 0]))
+    if not asked and close.mean() <= MOST_LOST_SHARE:
+        return
+    rate_hz = 1 / max(estimate_spacing(t_s, np.arange(t_s.size, dtype=np.float64)), np.finfo(float).tiny)
+    remedy = "is the sample number that of these rows?" if asked else f"state the samples a second: --rate {rate_hz:.5g}"
+    if not asked and has_more_columns:
+        remedy += ", or a column that counts the samples, --sample-number COLUMN"
+    raise InputError(
+        f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
+        f"of it, and the tags do not follow the number of the row; {remedy}"
+    )
 
 
 def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping, rate_hz: float) -> None:
@@ -193,132 +215,113 @@ def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping, rate_hz: float)
 
 
 def _arrange_by_gyro(
-    frame: pd.DataFrame, by: str, tags: list[str], unit: list[str], names: list[str]
-) -> tuple[pd.DataFrame, list[str], list[str], list[str], list[str]]:
+    frame: pd.DataFrame, by: str, time: str, names: list[str], said: list[str]
+) -> tuple[pd.DataFrame, list[str], str]:
     """Rows of several gyros as one row a time, a column a gyro in the order in which they first come.
 
-    Returns this table, the gyros, the columns and units of its tags, and what is said.
+    Returns this table, the gyros, and the mapping's text of its tags.
     """
-    import pandas as pd
-
     labels = read_labels(frame, by, "gyro_by")
     if len(names) != 1:
         raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
-    order = list(labels.dropna().unique())
-    parts, said, scale = list[pd.DataFrame](), list[str](), ""
+    order, parts, scale = list(labels.dropna().unique()), list[pd.DataFrame](), ""
     for one in order:  # each gyro's tags go on by themselves
-        clock, values, own = read_rows(frame[labels == one], names, "gyro", f"gyro {one}", ("time", tags, unit))
-        scale, said = clock.scale, [*said, *own]
+        clock, values = read_rows(frame[labels == one], names, "gyro", f"gyro {one}", ("time", time), said)
+        scale = clock.scale
         parts.append(pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[:, 0]}))
     rows = pd.concat(parts)
-    twice = int(rows.duplicated(["gyro", "whole", "part"]).sum())
-    said += [f"{int(labels.isna().sum())} gyro row(s) without a gyro in {by} are left out"] if labels.isna().any() else []
-    said += [f"{twice} gyro row(s) of a time that another one of that gyro has are left out"] if twice else []
+    if labels.isna().any():
+        said.append(f"{int(labels.isna().sum())} gyro row(s) without a gyro in {by} are left out")
+    if twice := int(rows.duplicated(["gyro", "whole", "part"]).sum()):
+        said.append(f"{twice} gyro row(s) of a time that another one of that gyro has are left out")
     table = rows.pivot_table(index=["whole", "part"], columns="gyro", values="value", aggfunc="first")[order]
     table = table.set_axis(order, axis=1).reset_index(names=[*TAG_NAMES])
-    return table, order, [*TAG_NAMES], [{"UTC": "unix+s", "GPS": "gps+s", "": "s+s"}[scale]], said
+    unit = {"UTC": "unix+s", "GPS": "gps+s", "": "s+s"}[scale]
+    return table, order, f"{','.join(TAG_NAMES)}:{unit}"
 
 
-def _interpolate_gyros(
-    frame: pd.DataFrame, names: list[str], tags: list[str], accumulated: bool, wrap: float | None
-) -> tuple[pd.DataFrame, list[str]]:
+def _interpolate_gyros(frame: pd.DataFrame, names: list[str], mapping: Mapping, said: list[str]) -> pd.DataFrame:
     """Accumulated angles of gyros with tags of their own, each at the first gyro's tags.
 
     Between two tags an accumulated angle is linear for the mean rate that is taken from it.
     """
-    if not accumulated:
+    if not mapping.gyro_factor[1]:
         raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
-    whole, part = (frame[tag].to_numpy() for tag in tags)
+    whole, part = (frame[tag].to_numpy() for tag in TAG_NAMES)
     seconds = (whole - whole.min()) + part
     columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
     rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
-    begin = max(seconds[own[0]] for own in rows.values())
-    end = min(seconds[own[-1]] for own in rows.values())
+    begin, end = max(seconds[own[0]] for own in rows.values()), min(seconds[own[-1]] for own in rows.values())
     common = rows[names[0]]
     common = common[(seconds[common] >= begin) & (seconds[common] <= end)]
-    table = frame.loc[common, tags].reset_index(drop=True)
+    table = frame.loc[common, [*TAG_NAMES]].reset_index(drop=True)
     for name, values in columns.items():
         own = values[rows[name]]
-        steps, _ = _unwrap_steps(np.diff(own)[:, None], wrap)
+        steps = _unwrap_steps(np.diff(own)[:, None], mapping.wrap, [])
         angle = own[0] + np.concatenate([[0.0], np.cumsum(steps[:, 0])])
         table[name] = np.interp(seconds[common], seconds[rows[name]], angle)
-    return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
+    said.append(f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}")
+    return table
 
 
-def build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
-    """Starts, rates and length of the gyro's samples, and what is said, of tags, s, and numbers of `read_gyro_rows`."""
-    t_s, raw, said = sort_rows(t_s, raw, "gyro")
-    t_s = t_s[0] + mapping.time_factor * (t_s - t_s[0])
-    t_s, raw, sample_s, more = _convert_to_rates(t_s, raw, mapping)
-    factors = {"gyro's time tags are about the first one": mapping.time_factor, "rates are": mapping.rate_factor}
-    more += [f"the {what} times {factor:.9g}" for what, factor in factors.items() if factor != 1]
-    return t_s, mapping.rate_factor * raw, sample_s, [*said, *more]
-
-
-def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping, said: list[str]) -> tuple[Array, Array, float]:
     """Starts, rates and length of the samples of rows in the order of time."""
-    _, words = parse_spec(mapping.gyro, "gyro")
-    factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
+    factor, accumulated = mapping.gyro_factor
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
-    overflows: list[str] = []
-    if not accumulated:
-        raw, overflows = _undo_overflows(raw, mapping.wrap)
-    if words[0].endswith(units.PER_SAMPLE):
-        # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
-        raw = raw / sample_s
     if accumulated:
         # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
         whole = spacing <= GAP_SAMPLES * sample_s
-        step, said = _unwrap_steps(np.diff(raw, axis=0)[whole], mapping.wrap)
-        rates = factor * step / spacing[whole, None]
+        rates = factor * _unwrap_steps(np.diff(raw, axis=0)[whole], mapping.wrap, said) / spacing[whole, None]
         if not whole.all():
             said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
-        return t_s[:-1][whole], rates, sample_s, [*said, "rates are differences of accumulated angles"]
-    late = {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s
-    said = [f"a gyro time tag is the {mapping.tag} of its sample"]
-    close = np.concatenate([[False], spacing < 0.5 * sample_s])
+        said.append("rates are differences of accumulated angles")
+        return t_s[:-1][whole], rates, sample_s
+    raw = _undo_overflows(raw, mapping.wrap, said)
+    if mapping.gyro_unit.endswith(units.PER_SAMPLE):
+        # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
+        raw = raw / sample_s
+    close = np.append(False, spacing < 0.5 * sample_s)
+    held, words = find_held_readings(t_s[~close], raw[~close])
+    said += words
+    filled_t_s, filled = _fill_lost_samples(t_s[~close][~held], raw[~close][~held], sample_s, said)
+    said.append(f"a gyro time tag is the {mapping.tag} of its sample")
     if close.any():
         said.append(
             f"{int(close.sum())} gyro row(s) closer than half a sample to the one before are left out, the first at "
             f"{t_s[close][0]:.9g} s"
         )
-        t_s, raw = t_s[~close], raw[~close]
-    held, words = find_held_readings(t_s, raw)
-    t_s, raw, filled = _fill_lost_samples(t_s[~held], raw[~held], sample_s)
-    return t_s - late, factor * raw, sample_s, [*overflows, *words, *filled, *said]
+    return filled_t_s - {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s, factor * filled, sample_s
 
 
-def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float) -> tuple[Array, Array, list[str]]:
+def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float, said: list[str]) -> tuple[Array, Array]:
     """Rates interpolated between the neighbours of one or two lost samples; a longer gap stays one."""
     spacing = np.diff(t_s)
     lost = np.where(spacing > GAP_SAMPLES * sample_s, np.round(spacing / sample_s) - 1, 0).astype(int)
     holes = np.flatnonzero((lost >= 1) & (lost <= MOST_FILLED_SAMPLES))
     if not holes.size:
-        return t_s, raw, []
+        return t_s, raw
     added = np.concatenate([t_s[k] + spacing[k] * np.arange(1, lost[k] + 1) / (lost[k] + 1) for k in holes])
     rates = np.column_stack([np.interp(added, t_s, raw[:, axis]) for axis in range(raw.shape[1])])
     order = np.argsort(np.concatenate([t_s, added]), kind="stable")
-    text = (
+    said.append(
         f"{added.size} gyro sample(s) are lost, at most {MOST_FILLED_SAMPLES} in a row, and filled by interpolation of the "
         f"rates, the first at {added[0]:.9g} s"
     )
-    return np.concatenate([t_s, added])[order], np.concatenate([raw, rates])[order], [text]
+    return np.concatenate([t_s, added])[order], np.concatenate([raw, rates])[order]
 
 
-def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
+def _unwrap_steps(step: Array, wrap: float | None, said: list[str]) -> Array:
     """Differences of an accumulated angle without the jumps at its wrap, which is guessed where it is not given."""
-    said: list[str] = []
     if wrap is None:
         typical = max(float(np.nanmedian(np.abs(step))), np.finfo(float).tiny)
         jump = np.abs(step) > 20 * typical
         if not jump.any():
-            return step, said
+            return step
         # What a jump has beyond the steps beside it is the wrap, whatever the rate.
         padded = np.pad(np.where(jump, np.nan, step), ((1, 1), (0, 0)), constant_values=np.nan)
-        beside = np.nan_to_num(np.array([padded[:-2][jump], padded[2:][jump]]))
-        known = np.isfinite(np.array([padded[:-2][jump], padded[2:][jump]])).sum(axis=0)
-        jumps = np.abs(step[jump] - beside.sum(axis=0) / np.maximum(known, 1))
+        beside = np.array([padded[:-2][jump], padded[2:][jump]])
+        jumps = np.abs(step[jump] - np.nansum(beside, axis=0) / np.maximum(np.isfinite(beside).sum(axis=0), 1))
         room = [float(np.abs(jumps / one - 1).max()) for one in WRAPS]
         if min(room) > WRAP_TOLERANCE:
             middle, spread = float(np.median(jumps)), float(np.ptp(jumps))
@@ -327,13 +330,13 @@ def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
                 f"gyro: the accumulated angle jumps by {middle:.6g}; if it wraps there, say where: --wrap {near:.15g}"
             )
         wrap = WRAPS[int(np.argmin(room))]
-        said = [f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say"]
-    return step - wrap * np.round(step / wrap), said
+        said.append(f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say")
+    return step - wrap * np.round(step / wrap)
 
 
-def _undo_overflows(raw: Array, full_range: float | None) -> tuple[Array, list[str]]:
-    """Rates (n, k) without the jumps by a full range where their numbers overflow, and what is said of them."""
-    out, said = raw.copy(), []
+def _undo_overflows(raw: Array, full_range: float | None, said: list[str]) -> Array:
+    """Rates (n, k) without the jumps by a full range where their numbers overflow."""
+    out = raw.copy()
     for k, x in enumerate(raw.T):
         size, words = (full_range, "") if full_range is not None else _find_full_range(x)
         turns = np.nan_to_num(np.round(np.diff(x) / size))
@@ -346,7 +349,7 @@ def _undo_overflows(raw: Array, full_range: float | None) -> tuple[Array, list[s
             f"the readings of gyro {k + 1} jump {np.count_nonzero(turns)} time(s) by their full range of {size:.9g}{words} "
             f"between two samples, as numbers that overflow: {np.count_nonzero(level)} rows are moved by it"
         )
-    return out, said
+    return out
 
 
 def _find_full_range(x: Array) -> tuple[float, str]:

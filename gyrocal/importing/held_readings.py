@@ -31,13 +31,7 @@ SAME_STEP = 1e-9  # of the largest reading: a smaller difference is rounding
 
 
 def find_held_readings(t_s: Array, raw: Array) -> tuple[Mask, list[str]]:
-    """Find rows of which a reading is held, (n,), and a sentence for each value.
-
-    Parameters
-    ----------
-    t_s : (n,) s, in the order of time
-    raw : (n, k) readings of the gyros as they are on file
-    """
+    """Find rows (n,) of readings (n, k) in which one is held, and a sentence for each value."""
     held, said = np.zeros(len(raw), dtype=bool), list[str]()
     steps = np.array([_find_step(x) for x in raw.T])
     for axes in (list(range(raw.shape[1])), *([k] for k in range(raw.shape[1]))):

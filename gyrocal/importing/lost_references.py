@@ -32,23 +32,20 @@ FEWEST_ATTITUDES = 4  # that must be left
 
 
 def leave_out_lost_references(
-    t_s: Array, q: Array, gyro_t_s: Array, raw: Array, sample_s: float, what: str
-) -> tuple[Mask, list[str]]:
-    """Find rows of attitudes that were not measured.
-
-    Returns the rows (m,) to keep, and a sentence for each kind of the others.
+    t_s: Array, q: Array, gyro_t_s: Array, raw: Array, sample_s: float, what: str, said: list[str]
+) -> Mask:
+    """Find the rows (m,) of attitudes that were measured, and say of which kind the others are.
 
     Parameters
     ----------
     t_s, q : (m,) s and (m, 4) unit quaternions in the order of time
-    gyro_t_s, raw : (n,) begins of the samples, s, and (n, k) their rates, rad/s
-    sample_s : length of a sample
+    gyro_t_s, raw, sample_s : (n,) begins of the samples, s, (n, k) their rates, rad/s, and their length
     what : how the rows are called
     """
     edges = np.append(gyro_t_s, gyro_t_s[-1] + sample_s)
     length = np.diff(edges)[:, None]
     path = np.interp(t_s, edges, np.append(0.0, np.cumsum(np.linalg.norm(raw, axis=1) * length[:, 0])))
-    said, keep = list[str](), np.ones(t_s.size, dtype=bool)
+    keep = np.ones(t_s.size, dtype=bool)
 
     identity = np.abs(np.abs(q[:, 3]) - 1) < SAME
     lost = _find_jumping_runs(identity, q, path)
@@ -74,7 +71,7 @@ def leave_out_lost_references(
                 f"the {what} rows are forward-filled, so that their time tags are up to {late_s:.3g} s late; a table of their "
                 "own with the times of the measurements has no such error"
             )
-    return keep, said
+    return keep
 
 
 def _compute_turns(q: Array) -> Array:

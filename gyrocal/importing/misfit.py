@@ -7,8 +7,8 @@ with fewer numbers if it leaves nearly as little.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ LEAST_CLIPPED = 0.005  # of the windows on an axis
 HALF = 0.5  # of the misfit's square, whose shortest time is said
 
 
-@dataclass(frozen=True)
-class Fault:
+class Fault(NamedTuple):
     """A fault and how much of the misfit it leaves."""
 
     kind: str  # "bias", "scale", "step", "jump", "factors" or "clipping"
@@ -39,8 +38,21 @@ class Fault:
 
 def explain_misfit(windows: Motion) -> Fault | None:
     """Find the simplest fault that explains most of the misfit; None if there is none."""
-    found = _list_faults(windows)
-    least = min((one.left for one in found), default=np.inf)
+    gyro, inside = windows.gyro()
+    reference, gyro = windows.attitudes()[inside], gyro[inside]
+    e = reference - gyro
+    raw = float(np.sqrt(np.sum(e * e)))
+    if len(e) < 8 or not raw > 0:
+        return None
+    bias = e.mean(axis=0)
+    beside = float(np.sqrt(np.sum(np.square(e - bias)))) / raw
+    found = [Fault("bias", f"a bias of {format_degrees(bias)} deg/s", beside, bias)]
+    for kind, words, values in _list_faults(windows, reference, gyro, inside):
+        left = float(np.sqrt(np.sum(values * values))) / raw
+        # A constant bias is there whatever else is: beside it the others must explain what it leaves.
+        if left <= EXPLAINED * beside:
+            found.append(Fault(kind, words, left))
+    least = min(one.left for one in found)
     if least > EXPLAINED:
         return None
     return next(one for one in found if one.left <= max(AS_GOOD * least, least + 0.02))
@@ -64,99 +76,53 @@ def locate_misfit(windows: Motion) -> str:
     return f"half of the misfit lies between {first:.6g} and {last:.6g} s, {100 * (last - first) / whole:.0f} % of the time"
 
 
-def _list_faults(windows: Motion) -> list[Fault]:
-    """All faults, that with the fewest numbers first."""
-    gyro, inside = windows.gyro()
-    reference, gyro = windows.attitudes()[inside], gyro[inside]
+def _list_faults(windows: Motion, reference: Array, gyro: Array, inside: Mask) -> Iterator[tuple[str, str, Array]]:
+    """Kind and words of each fault beside a bias, that with the fewest numbers first, and what it leaves (n, 3) of e."""
     middle = (0.5 * (windows.start_s + windows.stop_s))[inside]
-    e = reference - gyro
-    raw = float(np.sqrt(np.sum(e * e)))
-    if len(e) < 8 or not raw > 0:
-        return []
-    bias = e.mean(axis=0)
-    rest = e - bias
-    whole = float(np.sqrt(np.sum(rest * rest)))
-
-    def compute_rest(values: Array) -> float:
-        return float(np.sqrt(np.sum(values * values))) / raw
-
-    out = [Fault("bias", f"a bias of {format_degrees(bias)} deg/s", compute_rest(rest), bias)]
     r0, g0 = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
+    rest = (reference - gyro) - (reference - gyro).mean(axis=0)
     scale = float(np.sum(r0 * g0) / max(np.sum(g0 * g0), 1e-300))
-    out.append(Fault("scale", f"the rates times {scale:.4g}", compute_rest(r0 - scale * g0)))
-    step = _find_step(rest, middle)
-    if step is not None:
-        when, jump, values = step
-        words = f"a step of the bias by {format_degrees(jump)} deg/s at {when:.6g} s"
-        out.append(Fault("step", words, compute_rest(values)))
+    yield "scale", f"the rates times {scale:.4g}", r0 - scale * g0
     h = 0.25 * float(np.median(windows.stop_s - windows.start_s))
-    later, sooner = windows.gyro(h)[0][inside], windows.gyro(-h)[0][inside]
-    clock = _find_jump(rest, (later - sooner) / (2 * h), middle)
-    if clock is not None:
-        when, (before, after), values = clock
-        words = f"a clock that jumped by {after - before:+.3g} s at {when:.6g} s (time offset {before:+.3g} s before)"
-        out.append(Fault("jump", words, compute_rest(values)))
-    changed = _find_change_of_factor(reference, gyro, middle)
-    if changed is not None:
-        when, (before, after), values = changed
-        words = f"rates that are to be taken times {before:.4g} before {when:.6g} s and times {after:.4g} after it"
-        out.append(Fault("factors", words, compute_rest(values)))
-    clipped = _find_clipping(reference, gyro)
-    if clipped is not None:
-        out.append(Fault("clipping", clipped[0], compute_rest(clipped[1])))
-    # A constant bias is there whatever else is: beside it the others must explain what it leaves.
-    return [one for one in out if one.kind == "bias" or one.left <= EXPLAINED * whole / raw]
+    slope = (windows.gyro(h)[0][inside] - windows.gyro(-h)[0][inside]) / (2 * h)
+
+    def fit_bias(part: Mask) -> tuple[Array, Array]:
+        bias = rest[part].mean(axis=0)
+        return bias, rest[part] - bias
+
+    def fit_offset(part: Mask) -> tuple[float, Array]:
+        tau = np.sum(rest[part] * slope[part]) / max(np.sum(np.square(slope[part])), 1e-300)
+        return tau, rest[part] - tau * slope[part]
+
+    def fit_factor(part: Mask) -> tuple[float, Array]:
+        r, g = (one[part] - one[part].mean(axis=0) for one in (reference, gyro))
+        factor = np.sum(r * g) / max(np.sum(g * g), 1e-300)
+        return factor, r - factor * g
+
+    if np.unique(middle).size > 8:
+        when, a, b, left = _find_time(fit_bias, middle)
+        yield "step", f"a step of the bias by {format_degrees(b - a)} deg/s at {when:.6g} s", left
+        when, a, b, left = _find_time(fit_offset, middle)
+        yield "jump", f"a clock that jumped by {b - a:+.3g} s at {when:.6g} s (time offset {a:+.3g} s before)", left
+        when, a, b, left = _find_time(fit_factor, middle)
+        words = f"rates that are to be taken times {a:.4g} before {when:.6g} s and times {b:.4g} after it"
+        yield "factors", words, left
+    yield "clipping", *_find_clipping(reference, gyro)
 
 
-def _find_step(rest: Array, middle: Array) -> tuple[float, Array, Array] | None:
-    """Time of a step, its size (3,), and what it leaves."""
-
-    def fit(before: Mask) -> tuple[Array, Array]:
-        a, b = rest[before].mean(axis=0), rest[~before].mean(axis=0)
-        return b - a, rest - np.where(before[:, None], a, b)
-
-    return _find_time(fit, middle)
-
-
-def _find_jump(rest: Array, slope: Array, middle: Array) -> tuple[float, Array, Array] | None:
-    """Time of a jump of the clock, offsets before and after, and what it leaves."""
-
-    def fit(before: Mask) -> tuple[Array, Array]:
-        tau = np.array(
-            [np.sum(rest[part] * slope[part]) / max(np.sum(np.square(slope[part])), 1e-300) for part in (before, ~before)]
-        )
-        return tau, rest - np.where(before, *tau)[:, None] * slope
-
-    return _find_time(fit, middle)
+def _find_time(fit: Callable[[Mask], tuple[Any, Array]], middle: Array) -> tuple[float, Any, Any, Array]:
+    """The time at which fits of both parts leave least, what each fit finds, and what they leave."""
+    found = []
+    for when in np.linspace(middle[0], middle[-1], TIMES + 2)[1:-1]:
+        before = middle < when
+        (a, left), (b, right) = fit(before), fit(~before)
+        found.append((float(when), a, b, np.concatenate([left, right])))
+    return min(found, key=lambda one: float(np.sum(np.square(one[3]))))
 
 
-def _find_change_of_factor(reference: Array, gyro: Array, middle: Array) -> tuple[float, Array, Array] | None:
-    """Time at which the factor of the rates changes, the factors before and after, and what they leave."""
-
-    def fit(before: Mask) -> tuple[Array, Array]:
-        factors, left = np.ones(2), reference - reference.mean(axis=0)
-        for k, part in enumerate((before, ~before)):
-            r, g = (one[part] - one[part].mean(axis=0) for one in (reference, gyro))
-            factors[k] = np.sum(r * g) / max(np.sum(g * g), 1e-300)
-            left[part] = r - factors[k] * g
-        return factors, left
-
-    return _find_time(fit, middle)
-
-
-def _find_time(fit: Callable[[Mask], tuple[Array, Array]], middle: Array) -> tuple[float, Array, Array] | None:
-    """The time at which a fit of two parts leaves least, with what it finds and leaves."""
-    found = [(float(when), *fit(middle < when)) for when in _list_times(middle)]
-    return min(found, key=lambda one: float(np.sum(np.square(one[2]))), default=None)
-
-
-def _list_times(middle: Array) -> Array:
-    return np.linspace(middle[0], middle[-1], TIMES + 2)[1:-1] if np.unique(middle).size > 8 else np.zeros(0)
-
-
-def _find_clipping(reference: Array, gyro: Array) -> tuple[str, Array] | None:
+def _find_clipping(reference: Array, gyro: Array) -> tuple[str, Array]:
     """The axis and level at which readings of the gyro that stop best explain the misfit, in words, and what is left."""
-    best: tuple[float, str, Array] | None = None
+    least, words, best = np.inf, "", reference
     e = reference - gyro
     for k, name in enumerate("xyz"):
         size = np.abs(reference[:, k])
@@ -166,11 +132,10 @@ def _find_clipping(reference: Array, gyro: Array) -> tuple[str, Array] | None:
             values = e.copy()
             values[:, k] -= expected
             values -= np.median(values, axis=0)
-            square = float(np.sum(values * values))
-            if best is None or square < best[0]:
+            if np.sum(values * values) < least:
+                least, best = float(np.sum(values * values)), values
                 words = (
                     f"clipping of the gyro about {name} at {np.rad2deg(level):.3g} deg/s, which the attitudes exceed in "
                     f"{100 * over.mean():.0f} % of the windows"
                 )
-                best = (square, words, values)
-    return None if best is None else best[1:]
+    return words, best

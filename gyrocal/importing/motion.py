@@ -67,13 +67,9 @@ class Motion:
     def attitudes(
         self, order: tuple[int, ...] = QUATERNION_INDICES, reverse: bool = False, reversed_before: bool = False
     ) -> Array:
-        """Mean body rates (n, 3) of the attitudes, read in another way.
+        """Mean body rates (n, 3) of the attitudes, with the elements of the quaternions in another order on file, or reversed.
 
-        Parameters
-        ----------
-        order : places of the elements of the quaternions on file
-        reverse : whether the direction is the other one
-        reversed_before : whether the quaternions on file have been conjugated to be these
+        reversed_before: whether the quaternions on file have been conjugated to be these
         """
         conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
         turned = Rotation.from_quat((self.q * conjugate)[:, order] * conjugate)
@@ -84,15 +80,16 @@ class Motion:
         return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
 
 
+def integrate_rates(t_s: Array, rates: Array, sample_s: float) -> tuple[Array, Array]:
+    """Edges (n + 1,) of samples, s, and the integral (n + 1, 3) of their rates up to each, rad."""
+    edges = np.append(t_s, t_s[-1] + sample_s)
+    return edges, np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+
+
 def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple[Array, float]:
-    """Orthogonal C (3, 3) with Σ|reference − C rates|² least, and tr(Cᵀ Σ reference ratesᵀ) of it.
+    """Orthogonal C (3, 3) with Σ|reference − C rates|² least, which may be a reflection, and tr(Cᵀ Σ reference ratesᵀ) of it.
 
     Source: Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
-
-    Parameters
-    ----------
-    reference, rates : (n, 3)
-    mirrored : whether C may be a reflection
     """
     U, values, Vt = np.linalg.svd(reference.T @ rates)
     signs = np.array([1.0, 1.0, 1.0 if mirrored else np.sign(np.linalg.det(U @ Vt))])
@@ -102,14 +99,10 @@ def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple
 def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
     """Windows over what both sides cover; None if there are too few.
 
-    Parameters
-    ----------
-    t_s, rates, sample_s : gyro tags (n,), raw or adjusted rates (n, 3) rad/s, length of a sample
-    t_ref, q : attitudes, (m,) s and (m, 4) inertial to body, scalar last
-    count : of windows side by side, as far as none turns by more than `MOST_WINDOW_TURN`
+    t_s (n,) and rates (n, 3) rad/s are of the gyro, t_ref (m,) and q (m, 4), inertial to body, of the attitudes. There are
+    count windows side by side, or as many as let none turn by more than `MOST_WINDOW_TURN`.
     """
-    edges = np.append(t_s, t_s[-1] + sample_s)
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+    edges, angle = integrate_rates(t_s, rates, sample_s)
     inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
     if inside.size < 4:
         return None

@@ -16,7 +16,8 @@ The first sensor defines the body's axes. Its error of mounting cannot be separa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +65,8 @@ class JoinedSensor:
     """A sensor after the join."""
 
     name: str  # of the sensor
-    # rows, common: number of its rows, and of those compared with a sensor before it
-    rows: int
-    common: int
+    rows: int  # number of its rows
+    common: int  # number of those compared with a sensor before it
     mounting: Array  # (3, 3) body to sensor
     mounting_sigma: Array | None  # (3,) 1-sigma of the mounting about the sensor's own axes, rad; None if it was not estimated
     agreement: float  # RMS of its differences from the sensors before it, in units of their stated sigma; NaN without any
@@ -100,8 +100,7 @@ class JoinedReferences:
         ]
 
 
-@dataclass
-class _Rows:
+class _Rows(NamedTuple):
     """Body attitudes joined so far: times (m,), A (m, 3, 3), P (m, 3, 3) rad², and the sensors (m, s) in each row."""
 
     t_s: Array
@@ -185,9 +184,9 @@ def _move_rows(sensor: SensorReferences, rows: Indices, t_s: Array, M: Array, gy
     return np.asarray(attitude.rotation_matrix((rates * gap[:, None]) @ M.T) @ A)
 
 
-def _compute_difference_covariance(joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, M: Array) -> Array:
+def _compute_difference_covariance(joined: _Rows, sigma: Array, a: Indices, M: Array) -> Array:
     """(k, 3, 3) covariance of a sensor's attitudes less the joined ones about the sensor's own axes, rad²."""
-    return np.asarray(M @ joined.P[a] @ M.T + np.einsum("mi,ij->mij", sensor.sigma[b] ** 2, np.eye(3)))
+    return np.asarray(M @ joined.P[a] @ M.T + np.einsum("mi,ij->mij", sigma**2, np.eye(3)))
 
 
 def _compute_agreement(
@@ -195,12 +194,11 @@ def _compute_agreement(
 ) -> float:
     """RMS of a sensor's differences from the joined attitudes in units of their stated sigma; NaN without any."""
     theta = attitude.residual(_move_rows(sensor, b, joined.t_s[a], M, gyro), M @ joined.A[a])
-    sigma = sensor.sigma
+    sigma = sensor.sigma[b]
     if gyro is None and sensor.t_s.size > 1:  # an attitude between two is the mean of both, with less noise
         part = np.abs(sensor.t_s[b] - joined.t_s[a]) / np.median(np.diff(sensor.t_s))
-        sigma = np.empty_like(sigma)
-        sigma[b] = sensor.sigma[b] * np.sqrt((1 - part) ** 2 + part**2)[:, None]
-    C = _compute_difference_covariance(joined, replace(sensor, sigma=sigma), a, b, M)
+        sigma = sigma * np.sqrt((1 - part) ** 2 + part**2)[:, None]
+    C = _compute_difference_covariance(joined, sigma, a, M)
     chi2 = float(np.einsum("ki,ki->", theta, np.linalg.solve(C, theta[:, :, None])[:, :, 0]))
     dof = theta.size - 3 * (sensor.mounting is None)
     return float(np.sqrt(chi2 / dof)) if dof > 0 else np.nan
@@ -223,7 +221,7 @@ def _estimate_mounting(
     M = mean if stated is None else stated
     prior = np.zeros((3, 3)) if sensor.mounting_sigma is None else np.diag(sensor.mounting_sigma**-2.0)
     for _ in range(ITERATIONS):
-        weight = np.linalg.inv(_compute_difference_covariance(joined, sensor, a, b, M))
+        weight = np.linalg.inv(_compute_difference_covariance(joined, sensor.sigma[b], a, M))
         theta = attitude.residual(_move_rows(sensor, b, joined.t_s[a], M, gyro), M @ joined.A[a])
         pull = np.einsum("kij,kj->i", weight, theta)
         pull = pull if stated is None else pull + prior @ attitude.residual(stated, M)
@@ -268,9 +266,5 @@ def _merge_rows(joined: _Rows, own: _Rows, a: Indices, b: Indices, theta: Array)
     alone = np.setdiff1d(np.arange(own.t_s.size), b)
     t_s = np.append(joined.t_s, own.t_s[alone])
     order = np.argsort(t_s, kind="stable")
-    return _Rows(
-        t_s[order],
-        np.concatenate([A, own.A[alone]])[order],
-        np.concatenate([P, own.P[alone]])[order],
-        np.concatenate([holds, own.holds[alone]])[order],
-    )
+    pairs = ((A, own.A), (P, own.P), (holds, own.holds))
+    return _Rows(t_s[order], *(np.concatenate([before, added[alone]])[order] for before, added in pairs))

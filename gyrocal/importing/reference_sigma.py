@@ -88,11 +88,7 @@ class ReferenceSigma:
 def fit_reference_sigma(turns: Turns, arw: float, arw_degrees: float) -> ReferenceSigma:
     """Fit the sigma of references to the turns between them; zero where these scatter less than the gyro.
 
-    Parameters
-    ----------
-    turns : twelve or more
-    arw : angle random walk, rad/sqrt(s)
-    arw_degrees : its degrees of freedom; infinite if it is stated, 0 if it is an upper bound
+    arw, arw_degrees: angle random walk, rad/sqrt(s), and its degrees of freedom: infinite if stated, 0 of an upper bound
     """
     turns, left = _leave_out_outliers(turns)
     scatter, scatter_sigma = _estimate_scatter(turns, left, arw)

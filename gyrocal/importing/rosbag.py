@@ -13,17 +13,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.importing import import_tables, validate_mapping
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from gyrocal.importing.build import ImportResult
+from gyrocal.importing.build import ImportResult
 
 IMU_MESSAGE_TYPE = "sensor_msgs/msg/Imu"
 POSES: dict[str, Callable[[Any], Any]] = {
@@ -56,12 +53,8 @@ def import_bag(
     """
     path = Path(path)
     gyro, attitude, said = read_bag(path, imu_topic, pose_topic)
-    made: dict[str, Any] = {
-        "time": "t:ns",
-        "gyro": f"x,y,z:{gyro_unit}",
-        "quat": "qx,qy,qz,qw:scalar-last:body-to-world",
-        "title": f"bag {path.resolve().stem}",
-    }
+    made = {"time": "t:ns", "gyro": f"x,y,z:{gyro_unit}", "quat": "qx,qy,qz,qw:scalar-last:body-to-world"}
+    made["title"] = f"bag {path.resolve().stem}"
     try:
         return import_tables(gyro, attitude, validate_mapping(made | entries, str(path)), said=said)
     except InputError as fault:
@@ -114,8 +107,6 @@ def _choose_topic(reader: Any, kinds: tuple[str, ...], topic: str | None, option
 
 def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
     """Nanoseconds and numbers of a topic's messages."""
-    import pandas as pd
-
     connections = [one for one in reader.connections if one.topic == topic]
     tags, written, rows = [], [], []
     for connection, recorded, raw in reader.messages(connections=connections):

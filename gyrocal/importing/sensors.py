@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping
-from gyrocal.importing.estimates import estimate_sensor_sigma
+from gyrocal.importing.estimates import estimate_reference_sigma, estimate_sensor_sigma
 from gyrocal.importing.intervals import select_rows
 from gyrocal.importing.reference_join import JoinedReferences, SensorReferences, join_references
-from gyrocal.importing.streams import BodyAttitudes, Sensor
+from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream
 
 Array = NDArray[np.float64]
@@ -33,22 +33,14 @@ SAME_S = 1e-6
 NEAREST_STEP = 0.75  # of a usual step: between two rows the nearest is half a step away
 
 
-def join_sensors(
-    sensors: tuple[Sensor, ...],
-    stated: dict[str, Array] | None,
-    lag_s: float = 0.0,
-    mountings: dict[str, tuple[Array, Array | None]] | None = None,
-) -> BodyAttitudes:
+def join_sensors(sensors: tuple[Sensor, ...], stated: dict[str, Array] | None, mapping: Mapping) -> BodyAttitudes:
     """Attitudes of the body at the first sensor's times, and at those of others where it has dropped out.
 
-    Parameters
-    ----------
-    sensors : the first one's axes are the body's unless its mounting is stated
-    stated : 1-sigma about each one's own axes, rad, by name; None estimates it
-    lag_s : of the second differences that it is estimated from; one step of a sensor at least
-    mountings : (3, 3) body to sensor as stated, and its 1-sigma (3,) or None, by name
+    The first one's axes are the body's unless its mounting is stated.
+
+    stated: 1-sigma about each one's own axes, rad, by name; None estimates it
     """
-    names, known = [one.name for one in sensors], mountings or {}
+    names, known = [one.name for one in sensors], mapping.build_mountings()
     first = sensors[0]
     if stated is not None and set(stated) != set(names):
         raise InputError(f"sigma_deg: give it for {', '.join(name or 'the attitudes' for name in names)}")
@@ -60,14 +52,14 @@ def join_sensors(
     for one in sensors:
         sigma = one.sigma
         if sigma is None:
-            own = estimate_scatter(one, lag_s) if stated is None else stated[one.name]
+            own = _estimate_scatter(one, mapping.spacing_s or 0.0) if stated is None else stated[one.name]
             sigma = np.tile(own, (one.t_s.size, 1))
         references.append(SensorReferences(one.name, one.t_s, one.q, sigma, *known.get(one.name, (None, None))))
     body = join_references(references).attitudes
     return BodyAttitudes(body.t_s, body.quaternions, tuple(references))
 
 
-def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
+def _estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
     """Estimate the 1-sigma noise (3,) about the sensor's own axes, rad, from second differences at a spacing of lag_s."""
     step = float(np.median(np.diff(sensor.t_s)))
     lag = max(round(lag_s / step), 1)
@@ -93,21 +85,39 @@ def read_stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str
 
 
 def build_references(
-    body: BodyAttitudes, chosen: list[Indices], mapping: Mapping, gyro: GyroStream, said: list[str]
-) -> tuple[Attitudes, JoinedReferences]:
-    """Join the references of several sensors.
-
-    Returns the references that are used, and all of them.
+    streams: Streams,
+    body: BodyAttitudes,
+    chosen: list[Indices],
+    mapping: Mapping,
+    stated: dict[str, Array] | None,
+    gyro: GyroStream,
+    said: list[str],
+) -> tuple[Attitudes, JoinedReferences | None]:
+    """Build the references that are used, and join those of several sensors.
 
     Parameters
     ----------
     body : of all sensors
-    chosen : rows of these in each interval; of the joined references those nearest to them are used, of each sensor, or in
-        stated intervals all that are not nearer than the spacing
-    mapping : what is known beyond the columns
+    chosen : rows of these in each interval
+    stated : 1-sigma of each sensor, by name
     gyro : body rates
-    said : what is assumed, to which it is added
     """
+    if body.sensors:
+        return _join_references(body, chosen, mapping, gyro, said)
+    sigma, degrees = streams.sensors[0].sigma, np.inf
+    if stated is None:
+        sigma, degrees = estimate_reference_sigma(gyro, body, chosen, said)
+    elif sigma is None:
+        sigma = next(iter(stated.values()))
+    used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
+    references = Attitudes(body.t_s[used], body.q[used], np.broadcast_to(sigma, body.q[:, :3].shape)[used])
+    return replace(references, sigma_estimated=stated is None, sigma_degrees=degrees), None
+
+
+def _join_references(
+    body: BodyAttitudes, chosen: list[Indices], mapping: Mapping, gyro: GyroStream, said: list[str]
+) -> tuple[Attitudes, JoinedReferences]:
+    """References of several sensors: of each those nearest to the chosen rows, or in stated intervals all at the spacing."""
     sensors, counts = list(body.sensors), list[float]()
     if mapping.sigma_deg is None:
         found = join_references(sensors, gyro).sensors

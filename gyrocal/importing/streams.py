@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, find_name, parse_spec
-from gyrocal.importing.gyro_join import JoinedGyros, join_gyros
-from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, put_on_even_times, read_gyro_rows
+from gyrocal.importing.gyro_join import JoinedGyros
+from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
+from gyrocal.importing.table_layout import NOT_A_NUMBER, find_layout, open_table
 from gyrocal.importing.table_rows import read_labels, read_rows, sort_rows
+from gyrocal.recording.tables import read_csv_file
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from gyrocal.importing.reference_join import SensorReferences
 
 Array = NDArray[np.float64]
@@ -76,9 +77,6 @@ def read_csv(path: Path) -> pd.DataFrame:
 
     An `InputError` if it cannot be read.
     """
-    from gyrocal.importing.table_layout import find_layout, open_table
-    from gyrocal.recording.tables import read_csv_file
-
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
@@ -108,10 +106,6 @@ def read_csv(path: Path) -> pd.DataFrame:
 
 def _read_mixed_columns(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, list[str]]:
     """The table without rows that repeat the header, words for not-a-number in any spelling as such, and what is said."""
-    import pandas as pd
-
-    from gyrocal.importing.table_layout import NOT_A_NUMBER
-
     mixed = [name for name in frame.columns if not pd.api.types.is_numeric_dtype(frame[name])]
     if not mixed:
         return frame, []
@@ -127,86 +121,62 @@ def _read_mixed_columns(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame
     return frame, [f"{again.sum()} row(s) repeat the header and are left out"] if again.any() else []
 
 
-def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:
-    """Both tables as the mapping reads them.
+def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame | None, mapping: Mapping) -> Streams:
+    """Read both tables, or the gyro's alone, as the mapping says.
 
     An `InputError` if a column is missing or does not hold what the mapping says.
     """
     from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
 
-    clock_g, raw, channels, G, number, assumed = read_gyro_rows(gyro, mapping)
-    temperature = _read_temperature(gyro, mapping, int(clock_g.whole[0]))
-    named, clocks, said = _read_attitudes(attitude, mapping)
-    layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
-    assumed = [*layouts, *assumed, *said]
-    if mapping.common_start or mapping.align == "auto":
-        clock_g, clocks = _begin_together(clock_g, clocks, assumed)
-    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks], mapping.attitude_offset_s)
-    scale = clock_g.scale
-    start = min(int(one.whole.min()) for one in (clock_g, *clocks))
-    origin = (start if mapping.epoch is None else _parse_epoch(mapping.epoch, scale)) if scale else 0
-    if scale:
-        epoch = units.convert_to_date(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else "")
-    else:
-        epoch = mapping.epoch or UNDATED
-        assumed.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
-    offset = mapping.attitude_offset_s
-    if offset:
-        assumed.append(f"{offset:.12g} s added to the time tags of the attitudes")
+    tables = () if attitude is None else (gyro, attitude)
+    said = list(dict.fromkeys(text for table in tables for text in table.attrs.get("said", ())))
+    rows = read_gyro_rows(gyro, mapping, said)
+    clock, offset = rows.clock, mapping.attitude_offset_s
+    temperature = _read_temperature(gyro, mapping, int(clock.whole[0]))
+    named, clocks = ([], []) if attitude is None else _read_attitudes(attitude, mapping, said)
+    if clocks and (mapping.common_start or mapping.align == "auto"):
+        clock, clocks = _begin_together(clock, clocks, said)
+    clock, *clocks = _convert_to_one_scale([clock, *clocks], offset)
+    epoch, origin = _choose_epoch([clock, *clocks], None if attitude is None else mapping.epoch)
+    if attitude is not None and not clock.scale:
+        said.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
+    if offset and attitude is not None:
+        said.append(f"{offset:.12g} s added to the time tags of the attitudes")
     sensors = []
     for (name, values), one in zip(named, clocks, strict=True):
-        times, rows, said = sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip())
-        sensors.append(_build_sensor(name, times, rows, mapping))
-        assumed += said
-    t_s, changes = put_on_even_times(clock_g.subtract(origin), raw, number, clock_g.rows, mapping, gyro)
-    t_s, raw, sample_s, said = build_samples(t_s, raw, mapping)
+        times, values = sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip(), said)
+        sensors.append(_build_sensor(name, times, values, mapping))
+    t_s, raw, sample_s, G, joined = build_samples(rows._replace(clock=clock), origin, mapping, gyro, said)
     if temperature is not None:
-        temperature[:, 0] += clock_g.whole[0] - origin
+        temperature[:, 0] += clock.whole[0] - origin
         temperature[:, 0] = t_s[0] + mapping.time_factor * (temperature[:, 0] - t_s[0])
-    t_s, raw, G, joined = _join_gyros(t_s, raw, G, channels, mapping, said)
     for k, sensor in enumerate(sensors):
-        keep, lost = leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, f"attitude {sensor.name}".strip())
-        sensors[k] = sensor.select_rows(keep)
-        said += lost
-    time_scale = scale or "seconds of the file"
-    assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
-    return Streams(t_s, raw, sample_s, G, tuple(sensors), epoch, time_scale, tuple(assumed), temperature, joined)
-
-
-def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
-    """The gyro's table alone, as the mapping reads it."""
-    clock, raw, channels, G, number, assumed = read_gyro_rows(gyro, mapping)
-    start = int(clock.whole.min()) if clock.scale else 0
-    epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
-    t_s, changes = put_on_even_times(clock.subtract(start), raw, number, clock.rows, mapping, gyro)
-    t_s, raw, sample_s, said = build_samples(t_s, raw, mapping)
-    t_s, raw, G, joined = _join_gyros(t_s, raw, G, channels, mapping, said)
+        what = f"attitude {sensor.name}".strip()
+        sensors[k] = sensor.select_rows(leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, what, said))
+    if attitude is not None:
+        said = _put_large_losses_first(said, len(clock.whole), sum(len(one.whole) for one in clocks))
     time_scale = clock.scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, G, (), epoch, time_scale, (*changes, *assumed, *said), gyros=joined)
+    return Streams(t_s, raw, sample_s, G, tuple(sensors), epoch, time_scale, tuple(said), temperature, joined)
 
 
-def _join_gyros(
-    t_s: Array, raw: Array, G: Array, names: tuple[str, ...], mapping: Mapping, said: list[str]
-) -> tuple[Array, Array, Array, JoinedGyros | None]:
-    """Starts and rates (n, 3) of the samples and their G: as they are for three gyros, else of the gyros together."""
-    if len(names) == 3:
-        return t_s, raw, G, None
-    joined = join_gyros(raw, np.linalg.pinv(G), noise=mapping.get_relative_noise(len(names)), names=names)
-    kept, whole = np.isfinite(joined.rates).all(axis=1), np.isfinite(raw).all(axis=1)
-    if not whole.all():
-        said.append(
-            f"{int((kept & ~whole).sum())} gyro row(s) in which a gyro is missing use the others; "
-            f"{int((~kept).sum())} of fewer than three with independent axes are left out"
-        )
-    return t_s[kept], joined.rates[kept], np.eye(3), joined
+def _choose_epoch(clocks: list[units.Clock], stated: str | None) -> tuple[str, int]:
+    """The epoch of a recording, and the whole second of the clocks that it is."""
+    scale = clocks[0].scale
+    if not scale:
+        return stated or UNDATED, 0
+    try:
+        first = min(int(one.whole.min()) for one in clocks)
+        origin = first if stated is None else units.convert_to_second(units.parse_date(stated), scale)
+    except ValueError as fault:
+        raise InputError(f"epoch: {fault}") from None
+    return units.convert_to_date(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else ""), origin
 
 
 def _read_temperature(frame: pd.DataFrame, mapping: Mapping, start: int) -> Array | None:
     """The column of the gyro's temperature as (m, 2): s since a second of the gyro's clock, and °C."""
     if mapping.temperature is None:
         return None
-    tags, unit = parse_spec(mapping.time, "time")
-    clock, values, _ = read_rows(frame, [mapping.temperature], "temperature", "gyro", ("time", tags, unit))
+    clock, values = read_rows(frame, [mapping.temperature], "temperature", "gyro", ("time", mapping.time), [])
     return np.column_stack([clock.subtract(start), values])
 
 
@@ -222,19 +192,20 @@ def _put_large_losses_first(said: list[str], gyro_rows: int, attitude_rows: int)
     return [*first, *kept]
 
 
-def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:
+def _read_attitudes(
+    frame: pd.DataFrame, mapping: Mapping, said: list[str]
+) -> tuple[list[tuple[str, Array]], list[units.Clock]]:
+    """Name and numbers of each attitude sensor, and its time tags."""
     kind = mapping.attitude
-    text = str(getattr(mapping, kind))
-    names, _ = parse_spec(text, kind)
+    names, _ = parse_spec(str(getattr(mapping, kind)), kind)
     if isinstance(mapping.sigma_deg, str):
         names = [*names, *_name_sigma_columns(mapping.sigma_deg)]
-    tags, unit = parse_spec(mapping.attitude_time or mapping.time, "attitude_time")
-    parts, assumed = [("", frame)], list[str]()
+    parts = [("", frame)]
     if mapping.attitude_by is not None:
         labels = read_labels(frame, mapping.attitude_by, "attitude_by")
         parts = [(str(name), part) for name, part in frame.groupby(labels, sort=False)]
-        missing = int(labels.isna().sum())
-        assumed += [f"{missing} attitude row(s) without a sensor in {mapping.attitude_by} are left out"] if missing else []
+        if missing := int(labels.isna().sum()):
+            said.append(f"{missing} attitude row(s) without a sensor in {mapping.attitude_by} are left out")
     if mapping.sensor is not None:
         known = [name for name, _ in parts]
         found = None if mapping.attitude_by is None else find_name(mapping.sensor, known, "sensor", "attitude sensor")
@@ -244,11 +215,10 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
         parts = [(name, part) for name, part in parts if name == found[1]]
     named, clocks = [], []
     for name, part in parts:
-        clock, values, said = read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
-        assumed += said
+        clock, values = read_rows(part, names, kind, "attitude", ("attitude_time", mapping.attitude_time or mapping.time), said)
         named.append((name, values))
         clocks.append(clock)
-    return named, clocks, assumed
+    return named, clocks
 
 
 def _name_sigma_columns(text: str) -> list[str]:
@@ -272,23 +242,23 @@ def _build_sensor(name: str, t_s: Array, values: Array, mapping: Mapping) -> Sen
     return Sensor(name, t_s, convert_attitude(kind, text, values), sigma, values if kind == "euler" else None)
 
 
-def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> tuple[units.Clock, list[units.Clock]]:
+def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> list[units.Clock]:
     """All clocks in one scale: as they are if they share it, otherwise UTC, or seconds where an offset joins the two."""
+    if len({one.scale for one in clocks}) == 1:
+        return clocks
     gyro, *others = clocks
-    if len({one.scale for one in clocks}) > 1:
-        for what, one in zip(("time", *["attitude_time"] * len(others)), clocks, strict=True):
-            units.expect_date(one, what)
-        if any(one.scale == "" for one in clocks):
-            if len({one.scale == "" for one in others}) > 1 or not offset_s:
-                apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
-                raise InputError(
-                    "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
-                    f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
-                    "--align auto finds the offset"
-                )
-            return replace(gyro, scale=""), [replace(one, scale="") for one in others]
-        gyro, *others = [units.convert_to_utc(one) for one in clocks]
-    return gyro, others
+    for what, one in zip(("time", *["attitude_time"] * len(others)), clocks, strict=True):
+        units.expect_date(one, what)
+    if all(one.scale for one in clocks):
+        return [units.convert_to_utc(one) for one in clocks]
+    if len({one.scale == "" for one in others}) > 1 or not offset_s:
+        apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
+        raise InputError(
+            "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
+            f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
+            "--align auto finds the offset"
+        )
+    return [replace(one, scale="") for one in clocks]
 
 
 def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str]) -> tuple[units.Clock, list[units.Clock]]:
@@ -301,11 +271,3 @@ def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str
     if gyro.scale:
         return gyro, [replace(one, whole=one.whole - first, scale=gyro.scale) for one in others]
     return replace(gyro, whole=gyro.whole + first, scale=others[0].scale), others
-
-
-def _parse_epoch(epoch: str, scale: str) -> int:
-    """The whole second of a clock in which an epoch is."""
-    try:
-        return units.convert_to_second(units.parse_date(epoch), scale)
-    except ValueError as fault:
-        raise InputError(f"epoch: {fault}") from None

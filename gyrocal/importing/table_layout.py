@@ -19,11 +19,11 @@ import io
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
+from zipfile import ZipFile
 
 from gyrocal.errors import InputError
 
@@ -45,17 +45,15 @@ COMPRESSIONS = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bz2", b"\xfd
 BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-@dataclass(frozen=True)
-class TableLayout:
+class TableLayout(NamedTuple):
     """Where the values of a table are, and what their columns are named."""
 
-    # encoding, separator, decimal: as `pandas.read_csv` takes them
-    encoding: str
+    encoding: str  # this, separator and decimal as `pandas.read_csv` takes them
     separator: str
     decimal: str
     names: list[str]  # of the columns; their numbers from 1 where the table has no header
     first_line: int  # of the values, from 0
-    said: tuple[str, ...]  # how the table is read, if it is not commas below a header in the first line
+    said: list[str]  # how the table is read, if it is not commas below a header in the first line
 
 
 def find_layout(path: Path) -> TableLayout:
@@ -75,7 +73,7 @@ def find_layout(path: Path) -> TableLayout:
         said.append("a comma is the decimal sign")
     if encoding not in ("utf-8", "utf-8-sig"):
         said.append(f"the text is {encoding.upper()}")
-    return TableLayout(encoding, found.separator, decimal, names, found.start, tuple(said))
+    return TableLayout(encoding, found.separator, decimal, names, found.start, said)
 
 
 def open_table(path: Path) -> IO[bytes]:
@@ -88,12 +86,11 @@ def open_table(path: Path) -> IO[bytes]:
     if kind != "zip":
         opened: IO[bytes] = import_module(kind).open(path, "rb")
         return opened
-    archive = import_module("zipfile").ZipFile(path)
+    archive = ZipFile(path)
     names = [name for name in archive.namelist() if not name.endswith("/") and not name.startswith("__MACOSX/")]
     if len(names) != 1:
         raise InputError(f"{path}: holds {len(names)} files, {', '.join(names[:4])}…: unpack it and give one table")
-    member: IO[bytes] = archive.open(names[0])
-    return member
+    return archive.open(names[0])
 
 
 def detect_encoding(path: Path) -> str:
@@ -121,11 +118,10 @@ class _Split:
         self.separator = separator
         self.commented = [COMMENT.match(line) is not None for line in lines]
         self.rows = self._split([COMMENT.sub("", line, count=1) for line in lines])
-        lengths = Counter(
-            len(row) for row, comment in zip(self.rows, self.commented, strict=True) if not comment and self._count_values(row)
-        )
+        plain = [row for row, comment in zip(self.rows, self.commented, strict=True) if not comment]
+        lengths = Counter(len(row) for row in plain if any(map(self._is_value, row)))
         self.fields = max((length for length in lengths if length > 1), key=lambda length: lengths[length] * length, default=0)
-        table = [row for row, comment in zip(self.rows, self.commented, strict=True) if len(row) == self.fields and not comment]
+        table = [row for row in plain if len(row) == self.fields]
         # A column of numbers is one that holds at least as many of them as words; a text label is no column of numbers.
         values = [sum(self._is_value(row[k]) for row in table) for k in range(self.fields)]
         words = [sum(self._is_word(row[k]) for row in table) for k in range(self.fields)]
@@ -153,9 +149,6 @@ class _Split:
 
     def _is_word(self, cell: str) -> bool:
         return bool(cell) and not self._is_value(cell)
-
-    def _count_values(self, row: list[str]) -> int:
-        return sum(map(self._is_value, row))
 
     def _fits(self, row: list[str]) -> bool:
         """Whether a row is one of the table: numbers, and no words, in the columns of numbers."""

@@ -73,11 +73,8 @@ def is_uneven(t_s: Array) -> bool:
 def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | None = None) -> EvenTimes | None:
     """Fit even times to the tags of rows in the order of sampling; None where the tags do not follow the sample number.
 
-    Parameters
-    ----------
-    t_s : (n,) tags, s
-    number : (n,) sample numbers; without them rows are numbered, and steps of the tags are taken for lost samples
-    sample_s : spacing of the samples if it is known
+    t_s: (n,) tags, s; number: (n,) sample numbers, without which rows are numbered, and steps of the tags are taken for lost
+    samples; sample_s: spacing of the samples if it is known
     """
     counted = number is not None
     k = np.arange(t_s.size, dtype=np.float64) if number is None else number.astype(np.float64)
@@ -103,37 +100,38 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     centred = residual - np.array([np.median(residual[part == one]) for one in part]) if part.any() else residual
     centred = centred - np.median(centred)
     late = errors == "" and _estimate_skewness(centred) > ONE_SIDED_SKEWNESS
-    place = ENVELOPE_QUANTILE if late else 0.5
+    if not errors:
+        errors = f"have {'late arrival' if late else 'jitter'} of {np.std(centred) / h:.2g} samples (RMS)"
+    # Of bursts the anchors are last in their group, of others first.
+    after = np.searchsorted(rows, np.arange(t_s.size), side="left" if errors.startswith("come in bursts") else "right")
+    part_of_row = part[np.clip(after if errors.startswith("come in bursts") else after - 1, 0, rows.size - 1)]
     line, drift = np.zeros(t_s.size), 0.0
-    part_of_row = part[np.clip(np.searchsorted(rows, np.arange(t_s.size), side="right") - 1, 0, None)]
-    if errors.startswith("bursts"):  # anchors are last in their group
-        part_of_row = part[np.clip(np.searchsorted(rows, np.arange(t_s.size)), None, rows.size - 1)]
     for one in np.unique(part):
         inside = part == one
-        knots = _fit_offset(k[rows[inside]], residual[inside], place, max(UNEVEN_SAMPLE * h, 5 * _estimate_noise(residual)))
+        least = max(UNEVEN_SAMPLE * h, 5 * _estimate_noise(residual))
+        knots = _fit_offset(k[rows[inside]], residual[inside], ENVELOPE_QUANTILE if late else 0.5, least)
         leaps = np.flatnonzero(np.abs(np.diff(knots[1])) > LARGEST_DRIFT * h * np.diff(knots[0])) + 1
-        if leaps.size:  # the tags of a backlog, or of a clock that is set, before or after those of a line
-            first, stop = max(pairwise([0, *leaps, knots[0].size]), key=lambda ends: ends[1] - ends[0])
-            follows = (k >= knots[0][first]) & (k <= knots[0][stop - 1])
-            if follows.mean() < LEAST_FOLLOWED:
-                return None
-            found = fit_even_times(t_s[follows], k[follows], sample_s)
-            if found is None:
-                return None
-            near = np.clip(k, *k[follows][[0, -1]])
-            even = np.interp(near, k[follows], found.t_s) + (k - near) * found.sample_s
-            stray = (
-                f"run off the line by {np.abs(t_s - even).max():.3g} s in up to {100 * (1 - follows.mean()):.0f} % of the rows"
-            )
-            return EvenTimes(even, found.sample_s, f"{found.errors}, and {stray}", found.drift_s)
+        if leaps.size:
+            return _fit_without_backlog(t_s, k, knots, leaps, sample_s)
         line[part_of_row == one] = np.interp(k[part_of_row == one], *knots)
         drift = max(drift, float(np.ptp(knots[1])))
     even = h * k + line
-    if (np.diff(even) < 0.5 * h).any():
+    return None if (np.diff(even) < 0.5 * h).any() else EvenTimes(even, float(h), errors, drift)
+
+
+def _fit_without_backlog(
+    t_s: Array, k: Array, knots: tuple[Array, Array], leaps: Indices, sample_s: float | None
+) -> EvenTimes | None:
+    """Even times by the longest stretch between leaps: others are of a backlog, or of a clock that is set."""
+    first, stop = max(pairwise([0, *leaps, knots[0].size]), key=lambda ends: ends[1] - ends[0])
+    follows = (k >= knots[0][first]) & (k <= knots[0][stop - 1])
+    found = fit_even_times(t_s[follows], k[follows], sample_s) if follows.mean() >= LEAST_FOLLOWED else None
+    if found is None:
         return None
-    if not errors:
-        errors = f"{'late arrival' if late else 'jitter'} of {np.std(centred) / h:.2g} samples (RMS)"
-    return EvenTimes(even, float(h), errors, drift)
+    near = np.clip(k, *k[follows][[0, -1]])
+    even = np.interp(near, k[follows], found.t_s) + (k - near) * found.sample_s
+    stray = f"run off the line by {np.abs(t_s - even).max():.3g} s in up to {100 * (1 - follows.mean()):.0f} % of the rows"
+    return EvenTimes(even, found.sample_s, f"{found.errors}, and {stray}", found.drift_s)
 
 
 def estimate_spacing(t_s: Array, k: Array) -> float:
@@ -153,8 +151,8 @@ def _choose_anchors(t_s: Array, expected: Array) -> tuple[Indices, str]:
     size = t_s.size / first.size
     if np.mean(spacing[short] == 0) > 0.5:
         # The log may begin within a group, whose first sample then is not the group's.
-        return (first[1:] if first.size > FEWEST_ANCHORS else first), f"groups of about {size:.3g} rows with one tag"
-    return np.append(first[1:] - 1, t_s.size - 1), f"bursts of about {size:.3g} rows tagged on arrival"
+        return (first[1:] if first.size > FEWEST_ANCHORS else first), f"come in groups of about {size:.3g} rows with one tag"
+    return np.append(first[1:] - 1, t_s.size - 1), f"come in bursts of about {size:.3g} rows tagged on arrival"
 
 
 def _count_lost_samples(t_s: Array, k: Array, h: float, rows: Indices, part: Indices) -> tuple[Array, Indices]:
@@ -174,7 +172,7 @@ def _count_lost_samples(t_s: Array, k: Array, h: float, rows: Indices, part: Ind
     shift = np.zeros(t_s.size)
     candidates = np.flatnonzero((step > least) & (jump > 0.5 * least))
     last = -width
-    for j in candidates[np.argsort(candidates)]:
+    for j in candidates.tolist():
         near = candidates[(candidates >= j) & (candidates < j + width)]
         if j - last < width:
             continue

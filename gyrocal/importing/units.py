@@ -36,6 +36,7 @@ RATE_UNITS = {
     "arcsec/s": DEGREE / 3600,
 }
 PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
+INCREMENT_UNITS = {unit + PER_SAMPLE: size for unit, size in ANGLE_UNITS.items()}
 COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0, "gps": 0}  # decimal places of a second
 SCALED_UNIT = re.compile(r"([1-9][0-9]{0,8})(s|ms|us|ns)")  # such as the 100us of a counter of 10 kHz
@@ -71,9 +72,7 @@ class Clock:
 
     def select_rows(self, chosen: NDArray[np.intp]) -> Clock:
         """Tags of some rows."""
-        return replace(
-            self, whole=self.whole[chosen], part=self.part[chosen], rows=None if self.rows is None else self.rows[chosen]
-        )
+        return replace(self, whole=self.whole[chosen], part=self.part[chosen], rows=self.rows[chosen])
 
     def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""
@@ -105,18 +104,15 @@ def expect_date(clock: Clock, what: str) -> None:
     """Refuse tags without a date that would have one in another unit."""
     if clock.scale:
         return
-    low, high = UNIX_RANGE_S
+    first, (low, high) = clock.whole[0], UNIX_RANGE_S
     for by, words in ((1e3, "1000 times finer (ms for s, us for ms)"), (1e6, "10^6 times finer"), (1e9, "10^9 times finer")):
-        if low <= clock.whole[0] / by <= high:
-            raise InputError(
-                f"{what}: the first tag, {clock.whole[0]} s, is no date; it is unix time if its unit is {words}"
-                "; if it counts from another start, --align auto finds the offset"
-            )
-        if low <= clock.whole[0] * by <= high:
-            raise InputError(
-                f"{what}: the first tag, {clock.whole[0]} s, is no date; is its unit too fine by {by:g}? If it counts from "
-                "another start, --align auto finds the offset"
-            )
+        found = ""
+        if low <= first / by <= high:
+            found = f"it is unix time if its unit is {words}; if it counts from another start"
+        elif low <= first * by <= high:
+            found = f"is its unit too fine by {by:g}? If it counts from another start"
+        if found:
+            raise InputError(f"{what}: the first tag, {first} s, is no date; {found}, --align auto finds the offset")
 
 
 def convert_to_utc(clock: Clock) -> Clock:
@@ -131,10 +127,7 @@ def convert_to_utc(clock: Clock) -> Clock:
 def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     """Time tags of one column, or of several: numbers are added, a date and a time of day are joined.
 
-    Parameters
-    ----------
-    columns : of the table
-    unit : one, or one for each column as in "s+ns"; "iso" of dates; "gps" of two columns is "week+gps"
+    unit: one, or one for each column as in "s+ns"; "iso" of dates; "gps" of two columns is "week+gps"
     """
     name = ", ".join(map(str, columns.columns))
     if unit == "iso":
@@ -244,14 +237,10 @@ def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
     try:
         stamps = pd.to_datetime(texts[0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
     except (ValueError, TypeError) as fault:
-        raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
+        words = " ".join(str(fault).split()).split(". You might")[0]  # without advice on arguments that an import does not have
+        raise InputError(f"time: column {name} is not ISO 8601: {words}") from None
     ticks, said = continue_tags(stamps.astype("int64").to_numpy(), "ns")
     return replace(_split_seconds(ticks, 9, "UTC"), said=said)
-
-
-def _describe_fault(fault: Exception) -> str:
-    """Return pandas' message on a date, without advice on arguments that an import does not have."""
-    return " ".join(str(fault).split()).split(". You might")[0]
 
 
 def _parse_times_of_day(column: pd.Series) -> Clock:
@@ -273,15 +262,19 @@ def describe_first_word(column: pd.Series) -> str:
     return f"{str(words.iloc[0])!r} in row {words.index[0]}" if len(words) else str(column.dtype)
 
 
-def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
-    import pandas as pd
+def is_numeric(column: pd.Series) -> bool:
+    """Whether a column holds numbers."""
+    return column.dtype.kind in "iuf"
 
-    if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
+
+def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
+    if not is_numeric(column):
         raise InputError(f"time: column {name} holds {describe_first_word(column)}, not numbers; dates are iso")
     values: NDArray[np.generic] = column.to_numpy()
-    if not np.isfinite(values.astype(float)).all():
-        raise InputError(f"time: column {name}, row {int(np.argmax(~np.isfinite(values.astype(float))))}: not a finite number")
-    if np.abs(values.astype(float)).max() >= 2.0**63:
+    size = np.abs(values.astype(float))
+    if not np.isfinite(size).all():
+        raise InputError(f"time: column {name}, row {int(np.argmax(~np.isfinite(size)))}: not a finite number")
+    if size.max() >= 2.0**63:
         raise InputError(f"time: column {name} has values beyond 2^63")
     return values
 
@@ -297,35 +290,27 @@ def _split_seconds(values: NDArray[np.generic], places: int, scale: str) -> Cloc
     return Clock(floor.astype(np.int64), seconds - floor, scale)
 
 
-def parse_quantity(text: str, what: str) -> tuple[float, str]:
-    """Number and unit of a text such as "5e-9 rad"."""
-    number, _, unit = text.strip().partition(" ")
-    unit = unit.strip()
-    try:
-        value = float(number)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value) or unit not in ANGLE_UNITS | RATE_UNITS:
-        units = ", ".join((*RATE_UNITS, *ANGLE_UNITS))
-        raise InputError(f"{what}: {text!r} is not a number and a unit, as in '5e-9 rad'; units are {units}")
-    return value, unit
-
-
 def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
     """Compute the factor from a column's unit to rad/s or rad, and whether the column is an accumulated angle."""
+    known = RATE_UNITS | ANGLE_UNITS
     if unit == COUNTS_UNIT:
         if lsb is None:
             raise InputError("gyro: counts need the size of one, e.g. --lsb '0.0175 deg/s', or '5e-9 rad' of accumulated angle")
-        value, of = parse_quantity(lsb, "lsb")
-        return value * (ANGLE_UNITS | RATE_UNITS)[of], of in ANGLE_UNITS
+        number, _, of = lsb.strip().partition(" ")
+        of = of.strip()
+        try:
+            value = float(number)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value) or of not in known:
+            raise InputError(f"lsb: {lsb!r} is not a number and a unit, as in '5e-9 rad'; units are {', '.join(known)}")
+        return value * known[of], of in ANGLE_UNITS
     if lsb is not None:
         raise InputError(f"lsb: goes with counts, not with {unit}")
-    if unit.removesuffix(PER_SAMPLE) in ANGLE_UNITS and unit.endswith(PER_SAMPLE):
-        return ANGLE_UNITS[unit.removesuffix(PER_SAMPLE)], False
-    if unit not in ANGLE_UNITS | RATE_UNITS:
-        known = (*RATE_UNITS, *ANGLE_UNITS, *(f"{one}{PER_SAMPLE}" for one in ANGLE_UNITS), COUNTS_UNIT)
-        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join(known)}")
-    return (ANGLE_UNITS | RATE_UNITS)[unit], unit in ANGLE_UNITS
+    known |= INCREMENT_UNITS
+    if unit not in known:
+        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join((*known, COUNTS_UNIT))}")
+    return known[unit], unit in ANGLE_UNITS
 
 
 def format_degrees(values: Array) -> str:

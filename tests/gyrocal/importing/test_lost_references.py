@@ -34,7 +34,8 @@ def build_tables(seed, noise=1e-3, digits=6, amplitude=RATE, every=5):
 
 def find_lost(t_s, raw, at, q):
     unit = q / np.linalg.norm(q, axis=1, keepdims=True)
-    keep, said = leave_out_lost_references(at, unit, t_s, raw, SAMPLE_S, "attitude")
+    said = []
+    keep = leave_out_lost_references(at, unit, t_s, raw, SAMPLE_S, "attitude", said)
     return np.flatnonzero(~keep), said
 
 
