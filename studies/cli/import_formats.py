@@ -10,7 +10,6 @@ import click
 
 from gyrocal import importing
 from gyrocal.importing import aem
-from gyrocal.importing.streams import read_csv
 from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import (
     EXCLUDE,
@@ -176,6 +175,8 @@ def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: d
     own = importing.load_mapping(file) if file else {}
     entries = {"title": read.title} | own | entries | collect_entries(given)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
+    from gyrocal.importing.streams import read_csv  # late, since it loads pandas
+
     write_import(importing.import_tables(read_csv(gyro_file), attitude, mapping), out, as_json)
 
 

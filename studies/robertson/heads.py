@@ -158,10 +158,10 @@ def record_truth(config: StoryConfig, case: int, streams: Streams, truth: str = 
     """The recording of one case under a truth; noise is the same under all of them."""
     scenario = dispersed(config, case)
     motion = simulate_case_motion(scenario)
-    noise = {f"{name}_rng": streams.generator(f"{name}_noise") for name in ("gyro", "reference")}
+    gyro_rng, reference_rng = streams.generator("gyro_noise"), streams.generator("reference_noise")
     effects, change = list_true_settings(truth, load_base_scenario(config)), UNLISTED_CHANGES.get(truth)
     tables = simulate_sensor_tables(scenario, motion, effects, streams.entropy, streams.case, change=change)
-    return replace(observe(scenario, motion, **noise), sensors=tables)
+    return replace(observe(scenario, motion, gyro_rng=gyro_rng, reference_rng=reference_rng), sensors=tables)
 
 
 def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:

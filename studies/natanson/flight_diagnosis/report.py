@@ -96,8 +96,8 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
     coarser = before + np.cumsum(steps, axis=0)
     after = noise - (H @ error).reshape(6, 3)
     published = flight.read_published_calibration().vector - error
-    cells = (round_to_digits(values, CELL_DEG) for values in (before, after, coarser))
-    return ResidualTable(*cells, round_to_digits(published, PUBLISHED_DIGITS))
+    before, after, coarser = (round_to_digits(values, CELL_DEG) for values in (before, after, coarser))
+    return ResidualTable(before, after, coarser, round_to_digits(published, PUBLISHED_DIGITS))
 
 
 class FlightConfig(GridConfig):
