@@ -92,7 +92,11 @@ def run_case(config: TimestepConfig, number: int, streams: Streams) -> list[dict
             if finer is not None:
                 arw = compute_step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
             finer = step, result.theta[0]
-        row: dict[str, object] = {"step_s": step, "resampling": resampling, **_compute_errors(flown.truth, result, gyro, prepared.held[way])}
+        row: dict[str, object] = {
+            "step_s": step,
+            "resampling": resampling,
+            **_compute_errors(flown.truth, result, gyro, prepared.held[way]),
+        }
         rows.append(row | {"step_arw_deg_per_sqrt_s": arw})
     return rows
 
