@@ -264,7 +264,10 @@ def draw_case(entropy: int, case: int) -> DrawnCase:
     """Draw a case; an `InputError` if no plan of many will do."""
     kind = draw_kind(entropy, case)
     for attempt in range(MOST_PLANS):
-        plan = draw_plan(generator(entropy, case, f"withheld:{attempt}:plan"), f"withheld {case}")
+        try:
+            plan = draw_plan(generator(entropy, case, f"withheld:{attempt}:plan"), f"withheld {case}")
+        except InputError:  # such as an interval with one reference
+            continue
         world = World(entropy, case, attempt, plan, ResidualModel(plan))
         if world.model.model_error < DESCRIBED and world.model.taken_up[1][:9].max() < DETERMINED:
             effects = _place_effects(world, kind)
