@@ -10,6 +10,9 @@ from gyrocal import NAMES, Attitudes, GyroParameters, GyroStream, Interval, Reco
 TRUE_G = np.array([[1.000443, -1.013e-3, 6.75235e-4], [7.63599e-4, 1.00053, -2.1629e-3], [9.41394e-4, 1.6831e-3, 1.00088]])
 TRUE_BIAS = np.deg2rad([-1.549155e-4, 1.978161e-4, 7.820254e-5])
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
+PRELAUNCH = GyroParameters(
+    np.eye(3) + np.deg2rad([[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]]), np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
+)
 RPO = np.deg2rad(0.0656)
 
 # Body rates (rad/s) and durations (s) of each interval: turns about every axis, both signs of pitch, a hold.

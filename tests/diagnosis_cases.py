@@ -17,7 +17,6 @@ LEVELS = Levels(Level("gyro", 0.99), Level("z", 0.985), Level("periodic", 0.984)
 ORBITAL = Cause("bias_orbital", "z", 0.11, "deg/h", 0.006, {"phase_deg": 57.0}, 0.983, ("bias_orbital:z",), 0.983, LEVELS)
 STEP = Cause("g_matrix_step", "z", -1310.0, "ppm", 42.0, {"time_s": 15000.0, "toward": "y"}, 0.998, ("g_matrix_step:z",), 0.998)
 LATE = Cause("time_offset", None, 0.52, "s", 0.02, {}, 0.55, ("time_offset", "rate_lag"), 0.991)
-ROUNDED = Cause("rate_quantization", None, 2.7777e-4, "deg/s", 3e-10, {}, 1.0, ("rate_quantization",), 1.0)
 
 
 def residuals(causes, series_s=EVERY_S, seed=1):
@@ -67,13 +66,10 @@ def explanations(rows):
     return pd.DataFrame.from_records(rows, columns=["effects", "probability", "log_evidence", "unlisted"])
 
 
-def stream(rounded=False):
+def stream():
     rows = []
     for axis in AXES:
-        p = 1e-300 if rounded else 1.0
-        step = 2.7777e-4 if rounded else 0.0
-        text = f"samples lie on a lattice of {step:.4g} deg/s" if rounded else "no lattice"
-        rows.append(("lattice", axis, step, 0.0, p, text))
+        rows.append(("lattice", axis, 0.0, 0.0, 1.0, "no lattice"))
         rows.append(("noise_level", axis, 1.003, 1.0, 0.31, "white noise is 1.003 times what is stated"))
         rows.append(("outliers", axis, 0.0, 0.0, 1.0, "0 of 41234 quiet samples are off by more than 6 noise sigmas"))
     rows.append(("repeats", None, 0.0, 0.0, 1.0, "no sample repeats the one before"))
@@ -95,11 +91,11 @@ FINDINGS = tuple(
 )
 
 
-def _made(verdict, causes=(), alternatives=(), unknown=0.004, closure=None, rows=(), moved=False, rounded=False, **changes):
-    table = residuals(causes or verdict in ("unknown", "not identifiable"))
+def _made(verdict, causes=(), alternatives=(), unknown=0.004, closure=None, rows=(), moved=False):
+    table = residuals(causes or verdict == "unknown")
     baseline_G = np.eye(3) + 1e-3 * np.array([[0.4, -1.0, 0.7], [0.8, 0.5, -2.2], [0.9, 1.7, 0.9]])
     baseline_bias = np.deg2rad([-1.5e-4, 2.0e-4, 7.8e-5])
-    if verdict in ("unknown", "not identifiable"):
+    if verdict == "unknown":
         table[[f"after_{axis}" for axis in AXES]] = table[[f"before_{axis}" for axis in AXES]].to_numpy()
     gap = verdict != "none"
     values = {
@@ -122,11 +118,9 @@ def _made(verdict, causes=(), alternatives=(), unknown=0.004, closure=None, rows
         "baseline_bias": baseline_bias,
         "notes": ("No housekeeping: bias_temperature cannot be tested.",),
         "runtime_s": 8.1,
-        "details": Details(
-            table, statistics(gap), regressors(() if rounded else causes, table), explanations(rows), stream(rounded)
-        ),
+        "details": Details(table, statistics(gap), regressors(causes, table), explanations(rows), stream()),
     }
-    return Diagnosis(**(values | changes))
+    return Diagnosis(**values)
 
 
 def none():
@@ -158,25 +152,10 @@ def unknown():
     return _made("unknown", alternatives=alternatives, unknown=0.97, rows=rows)
 
 
-def not_identifiable():
-    rows = [(f"{name}:{axis}", 0.08, 12.0, False) for name in ("bias_step", "bias_drift", "g_matrix_step") for axis in AXES]
-    notes = ("References only at the ends of the intervals: what happens inside them cannot be told.",)
-    return _made("not identifiable", alternatives=[(("bias_step:x",), 0.08)], unknown=0.2, rows=rows, notes=notes)
-
-
-def stream_effect():
-    rows = [("rate_quantization", 1.0, float("inf"), False)]
-    text = "samples lie on a lattice of 0.0002778 deg/s"
-    finding = Finding("gyro stream", None, "x", None, "lattice", 2.7777e-4, 1e-300, text)
-    return _made("named", [ROUNDED], unknown=0.0, rows=rows, rounded=True, where=(finding,), p_value=0.0)
-
-
 CASES = {
     "none": none,
     "named": named,
     "pair": pair,
     "group": group,
     "unknown": unknown,
-    "not identifiable": not_identifiable,
-    "stream": stream_effect,
 }

@@ -55,13 +55,6 @@ def linear(seed, *effects, sample_s=2.0, every_s=120.0):
     return build_linear_model(model, list(EFFECTS.values()))
 
 
-@lru_cache
-def linear_of(names, seed, *effects, every_s=120.0):
-    """The linear model of the same, with the named effects only and no rivals."""
-    model = prepared(seed, *effects, every_s=every_s).model
-    return build_linear_model(model, [EFFECTS[name] for name in names], rivals=False)
-
-
 def slews_between_references(gaps, each, sample_s, sway):
     """(n, 3) rad/s of a body that slews within one gap of ten between references, and hardly sways otherwise."""
     t_s = sample_s * np.arange(gaps * each)

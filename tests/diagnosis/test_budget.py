@@ -15,26 +15,18 @@ from tests.diagnosis.recordings import prepared
 REMAINDER = ("bias_markov:y=0.4,time_constant_s=1000", "reference_correlated:x=0.01,time_constant_s=400")
 
 
-def recorded(seed, *effects):
-    return prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0)
-
-
-def explained(seed, *effects):
-    return explain(
-        recorded(seed, *effects), [one for one in EFFECTS.values() if not one.is_process], DEFAULT, 0, lambda text, share: None
-    )
-
-
-ORBITAL = "bias_orbital:z=0.6,phase_deg=25"
+SHOWN = ("bias_orbital:z=0.6,phase_deg=25", *REMAINDER)
+COARSE = {"sample_s": 4.0, "every_s": 300.0}
 
 
 @pytest.fixture(scope="module")
 def orbital():
-    return explained(5, ORBITAL)
+    own = [one for one in EFFECTS.values() if not one.is_process]
+    return explain(prepared(5, *SHOWN, **COARSE), own, DEFAULT, 0, lambda text, share: None)
 
 
 def test_a_set_of_effects_is_predicted_as_if_there_were_no_others(orbital):
-    model, effects = recorded(5, ORBITAL).model, [*orbital.fitted, orbital.beside[0]]
+    model, effects = prepared(5, *SHOWN, **COARSE).model, [*orbital.fitted, orbital.beside[0]]
     squares = predict_held_out(model, effects, sets=[(), [1], [0], [0, 1]]).squares
     np.testing.assert_allclose(squares[:, [0, 2, 3]], predict_held_out(model, effects).squares)
     np.testing.assert_allclose(squares[:, :2], predict_held_out(model, effects[1:]).squares)

@@ -42,15 +42,9 @@ COARSE = {"sample_s": 4.0, "every_s": 240.0}  # where nothing hangs on what happ
 SLOW = ("bias_step", "bias_orbital", "bias_markov", "reference_correlated", "reference_orbital")  # a library of slow errors
 
 
-@pytest.fixture(scope="module")
-def m0():
-    """The answer to a recording without an effect, and the shares of the work that were told."""
-    told: list[float] = []
-    return diagnose(recorded(11, **COARSE), progress=lambda text, share: told.append(share)), told
-
-
-def test_m0_has_no_gap_and_the_same_answer_twice(m0):
-    answer, told = m0
+def test_m0_has_no_gap_and_the_same_answer_twice():
+    told = []
+    answer = diagnose(recorded(11, **COARSE), progress=lambda text, share: told.append(share))
     assert told == sorted(told)
     assert max(np.diff(told)) < 0.2
     assert answer.verdict == "none"
@@ -62,7 +56,7 @@ def test_m0_has_no_gap_and_the_same_answer_twice(m0):
     document = answer.to_json()
     assert json.loads(json.dumps(document)) == document
     # With the draws of M0, which a recording without a gap takes all of.
-    first, second = m0[0].to_json(), diagnose(recorded(11, **COARSE)).to_json()
+    first, second = answer.to_json(), diagnose(recorded(11, **COARSE)).to_json()
     first.pop("runtime_s"), second.pop("runtime_s")
     assert first == second
 

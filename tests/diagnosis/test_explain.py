@@ -12,6 +12,8 @@ from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import Attribution, CredibleGroup
 from diagnosis.inference.search import BASELINE_EXPLANATION
 from diagnosis.model.linear import SelectedCandidate
+from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
+from diagnosis.remainder import find_remainder_side
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
 from tests.diagnosis.linear_models import linear_model
@@ -81,3 +83,12 @@ def test_a_cause_that_does_not_close_anything_is_not_stated(monkeypatch, process
     assert found.remainder == (["bias_drift"] if process else None)
     assert (found.attribution.verdict, found.attribution.unknown) == (("partial", 1.0) if stated == 1 else ("named", 0.0))
     assert found.budget[1 + list(sizes).index("rate_lag")].to_json()["ramp"] == [0.007, 0.0135]
+
+
+@pytest.mark.parametrize(
+    ("powers", "side"), [((8.0, 1.0, 1.0), "gyro"), ((1.0, 9.0, 0.0), "reference"), ((4.0, 5.0, 1.0), "undecided")]
+)
+def test_a_side_has_two_thirds_of_the_power_of_all_members(powers, side):
+    members = [SimpleNamespace(effect=effect) for effect in (BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER)]
+    assert find_remainder_side(members, powers) == side
+    assert find_remainder_side([SimpleNamespace(effect="rate_lag")], (1.0,)) == "time tags"

@@ -66,13 +66,8 @@ def test_an_effect_is_named_with_its_size(effects):
             assert one.parameters[name] == pytest.approx(float(settings[one.label].parameters[name]), rel=0.25)
 
 
-@pytest.fixture(scope="module")
-def head():
-    return diagnose(recorded(HEAD, seed=4))
-
-
-def test_a_head_closes_the_gap_and_is_no_orthogonal_misalignment(head):
-    found = head
+def test_a_head_closes_the_gap_and_is_no_orthogonal_misalignment():
+    found = diagnose(recorded(HEAD, seed=4))
     closure = found.closure
     assert closure.before > 1.5
     assert abs(closure.after - 1) < 5 * np.sqrt(2 / found.dof)
@@ -81,7 +76,6 @@ def test_a_head_closes_the_gap_and_is_no_orthogonal_misalignment(head):
     rms = found.residuals.query("sensor == 'DSS-2' and angle == 'beta'")[["before_deg", "after_deg"]].pow(2).mean().pow(0.5)
     assert rms["after_deg"] < 0.01 < rms["before_deg"]
     # The other explanation is rejected by the evidence, by days left out, and by the noise.
-    found = head
     (other,) = found.rejected
     assert other.effects == ("dss_misalignment", "esa_bias")
     assert other.log_bayes_factor > 100

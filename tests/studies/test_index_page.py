@@ -25,12 +25,8 @@ def text():
     return index_page.build_index_page(FOLDERS, RESULTS / "studies", MADE)
 
 
-@pytest.fixture(scope="module")
-def page(text):
-    return checked(text, most_bytes=1_500_000)
-
-
-def test_the_page_shows_tables_figures_claims_and_the_flight_beside_the_simulation(page, text):
+def test_the_page_shows_tables_figures_claims_and_the_flight_beside_the_simulation(text):
+    page = checked(text, most_bytes=1_500_000)
     assert text.index('<figure id="residuals">') < text.index('<figure id="factors">') < text.index("N Table 2")
     heads = [f"{paper} Table {k}" for paper, tables in (("N", (2, 3, 4, 5)), ("R", (1, 2, 3))) for k in tables]
     places = [text.index(f"{head}: ") for head in [*heads, "Claims of N", "Claims of R"]]

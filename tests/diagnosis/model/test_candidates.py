@@ -15,16 +15,6 @@ from tests.diagnosis.recordings import linear, plan, prepared
 
 
 @pytest.fixture(scope="module")
-def model():
-    return prepared(3).model
-
-
-@pytest.fixture(scope="module")
-def made():
-    return linear(3)
-
-
-@pytest.fixture(scope="module")
 def noise_free():
     """The simulator without noise, and the linear model of it about the truth."""
     base = plan(1.0)
@@ -63,7 +53,8 @@ def test_columns_are_what_the_simulator_adds(noise_free, name):
         np.testing.assert_allclose(changed, expected, atol=0.01 * np.abs(expected).max())
 
 
-def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
+def test_priors_are_equal_for_each_effect_and_shared_by_its_axes():
+    made = linear(3)
     listed = [c for c in made.candidates if c.listed]
     rivals = [c for c in made.candidates if not c.listed]
     assert listed
@@ -85,7 +76,8 @@ def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
     assert sum(value for key, value in whole.items() if not key[0]) == pytest.approx(DEFAULT.unlisted_share)
 
 
-def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
+def test_what_cannot_be_seen_or_is_implausible_is_no_candidate():
+    model = prepared(3).model
     calibration = model.calibration[:, [9]]
     seen = np.eye(model.size)[:, [0]]
     groups = [

@@ -70,24 +70,19 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     assert combine_checks(check_baseline(clean)) > 1e-2
 
 
-@pytest.fixture(scope="module")
-def rested():
-    """Slews between references, and a sway at them that is as large as the gyro's noise."""
-    return prepare(of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, 0)).model
-
-
 def tabulate(model):
     """What all references may follow, (m, q)."""
     return tabulate_references(model, np.ones(model.reference_rows.size, dtype=bool)).regressors
 
 
-def test_the_rate_at_a_reference_holds_no_noise_from_before_it(rested):
-    model = rested
+def test_the_rate_at_a_reference_holds_no_noise_from_before_it():
+    """Slews between references, and a sway at them that is as large as the gyro's noise."""
+    model = prepare(of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, 0)).model
     gyro, at = model.recording.gyro, model.references.t_s.size // 2
     early = gyro.t_s < model.references.t_s[at]
     noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
     changed = replace(model, recording=replace(model.recording, gyro=replace(gyro, rates=noisy)))
     change = tabulate(changed) - tabulate(model)
     np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
-    found = {one.name: one for one in check_baseline(rested)}
+    found = {one.name: one for one in check_baseline(model)}
     assert found["dependence on what is known"].p_value > 1e-3

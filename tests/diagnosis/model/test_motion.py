@@ -25,11 +25,6 @@ def swaying(seed):
     return rates, of_rates(rates, EACH, SAMPLE_S, ARW, SIGMA, seed)
 
 
-@pytest.fixture(scope="module")
-def clean():
-    return [(rates, prepare(recording).model) for rates, recording in map(swaying, SEEDS)]
-
-
 def cube_score(model):
     """χ² with one degree of freedom of an error of gyro z that follows the cube of its rate."""
     bins = build_bins(model)
@@ -40,8 +35,9 @@ def cube_score(model):
     return float((column @ model.y) ** 2 / (column @ column))
 
 
-def test_columns_hold_no_noise_of_a_clean_gyro(clean):
+def test_columns_hold_no_noise_of_a_clean_gyro():
     """The scores are χ² with one degree of freedom each; with columns of the readings themselves they are not."""
+    clean = [(rates, prepare(recording).model) for rates, recording in map(swaying, SEEDS)]
     assert scipy.stats.chi2.sf(sum(cube_score(model) for _, model in clean), len(clean)) > 1e-3
     noisy = [linearise_recording(model.recording, model.G, model.bias) for _, model in clean]
     assert scipy.stats.chi2.sf(sum(map(cube_score, noisy)), len(noisy)) < 1e-12

@@ -82,22 +82,6 @@ def test_a_reference_error_moves_its_own_observation_and_cells_add_up(recording,
         np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
 
 
-def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates():
-    """The whole covariance of y over many recordings is the projection, entry by entry as far as so many can tell."""
-    count = 60
-    base = plan(10.0, 600.0)
-    truth = np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s)
-    made = [linearise_recording(simulate(base, seed=seed), *truth) for seed in range(count)]
-    # Means over ten seconds are not quite the rates of a slew; that error is the same in all.
-    Y = np.array([one.y for one in made]) - linearise_recording(simulate(base, noise=False), *truth).y
-    P = np.eye(made[0].size) - made[0].nuisance @ made[0].nuisance.T
-    # Entries of a sample covariance scatter by √((P_ii P_jj + P_ij²)/n).
-    error = np.sqrt((np.outer(np.diag(P), np.diag(P)) + P**2) / count)
-    z = (Y.T @ Y / count - P) / np.maximum(error, 1e-3)
-    assert np.abs(z).max() < 6
-    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.1)
-
-
 def brute_force_covariance(model, block, power, sigma):
     """(3m, 3m) of the references of a block, one noise increment of each step at a time, before any averaging."""
     starts = np.cumsum([0, *(one.references.size for one in model.blocks)])
@@ -147,15 +131,11 @@ M = Rotation.from_rotvec([0.4, 0.9, -0.5]).as_matrix()
 COVARIANCE = M @ np.diag(np.deg2rad([1e-3, 1e-3, 2e-2]) ** 2) @ M.T  # one star tracker, turned against the body
 
 
-@pytest.fixture(scope="module")
-def recordings():
+def test_residuals_and_the_test_of_noise_know_the_covariance_that_is_stated():
     plain, path = simulate(SCENARIO, noise=False), motion(SCENARIO)
     P = np.tile(COVARIANCE, (plain.attitudes.t_s.size, 1, 1))
     plain = replace(plain, attitudes=plain.attitudes.replace_covariance(P))
-    return [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(4)]
-
-
-def test_residuals_and_the_test_of_noise_know_the_covariance_that_is_stated(recordings):
+    recordings = [add_effects_and_noise(plain, path, (), *make_noise_streams(seed, 0, True), seed, 0) for seed in range(4)]
     z = []
     for recording in recordings:
         result = calibrate(recording)

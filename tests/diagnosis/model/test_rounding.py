@@ -18,22 +18,14 @@ def model():
     return prepared(3, every_s=600.0).model
 
 
-@pytest.fixture(scope="module")
-def kernels(model):
-    return [one for axis in range(3) for one in build_kernels(model, axis)]
-
-
-@pytest.fixture(scope="module")
-def sizes(kernels):
-    return np.array([0.3 / np.mean([np.trace(K) / len(K) for K in one]) for one in kernels])
-
-
 def likelihood(model, theta, kernels):
     rows = [block.rows for block in model.blocks]
     return compute_negative_log_likelihood(theta, model.whiten(model.zeta), build_shared_columns(model), rows, kernels)
 
 
-def test_its_likelihood_is_a_dense_one_and_its_slope_that_of_differences(model, kernels, sizes):
+def test_its_likelihood_is_a_dense_one_and_its_slope_that_of_differences(model):
+    kernels = [one for axis in range(3) for one in build_kernels(model, axis)]
+    sizes = np.array([0.3 / np.mean([np.trace(K) / len(K) for K in one]) for one in kernels])
     B = build_shared_columns(model)
     C = np.eye(model.size) + B @ B.T
     for variance, kernel in zip(sizes, kernels, strict=True):

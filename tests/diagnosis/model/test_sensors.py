@@ -25,11 +25,6 @@ from simulator.truth.rotation import convert_to_matrix
 from tests.diagnosis.sensor_cases import EFFECTS, ONE, fits_of, recorded
 
 
-@pytest.fixture(scope="module")
-def nominal():
-    return fits_of(recorded())
-
-
 def columns_of(groups):
     return np.hstack([part for one in groups for part in one.columns])
 
@@ -84,7 +79,7 @@ def test_columns_are_differences_of_the_simulation(text):
         assert gram[1, 1] < 1e-4 * gram[0, 0]
 
 
-def test_products_are_those_of_the_full_covariance_and_of_all_measurements(nominal):
+def test_products_are_those_of_the_full_covariance_and_of_all_measurements():
     """Mᵀ V⁻¹ M with noise and the gyro's walk in V, epoch attitude and bias projected out, done densely."""
     (fitted,) = fits_of(simulate(ONE, seed=2))
     X = columns_of(build_groups(fitted, [dss_head.EFFECT, esa_bias.EFFECT], {}))
@@ -101,6 +96,7 @@ def test_products_are_those_of_the_full_covariance_and_of_all_measurements(nomin
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(gram / scale, expected / scale, atol=1e-7)
     assert dof == len(rows.z) - 6
+    nominal = fits_of(recorded())
     tables = build_tables(nominal[:3], EFFECTS)
     for number, fitted in enumerate(nominal[:3]):
         own = tables.owner == number

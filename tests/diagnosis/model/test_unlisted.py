@@ -25,16 +25,12 @@ def bins(model):
     return bins_of.build_bins(model, 8.0)
 
 
-@pytest.fixture(scope="module")
-def families(model):
-    return {(family.effect, family.axis): family.columns for family in alternatives.list_deterministic_rivals(model)}
-
-
-def test_columns_of_a_constant_and_of_a_direction_are_closed_forms(model, bins, families):
+def test_columns_of_a_constant_and_of_a_direction_are_closed_forms(model, bins):
     for axis in range(3):
         column = bins_of.observe_rate_errors(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
     # Its columns about z from components along x are those of rate errors a_xj, step by step.
+    families = {(family.effect, family.axis): family.columns for family in alternatives.list_deterministic_rivals(model)}
     columns = families["bias follows the direction to something in inertial space", "z"][0]
     A = model.to_inertial.transpose(0, 2, 1)
     error = np.zeros((len(A), 3, 3))

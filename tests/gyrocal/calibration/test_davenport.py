@@ -17,11 +17,7 @@ from gyrocal import (
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
-from tests.builders import PLAN, RPO, TRUTH, piecewise_recording
-
-PRELAUNCH = GyroParameters(
-    np.eye(3) + np.deg2rad([[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]]), np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
-)
+from tests.builders import PLAN, PRELAUNCH, RPO, TRUTH, piecewise_recording
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def test_coarse_steps(resampling):
     assert prepared.noise_gain == (4.0 if resampling == "skip" else 1.0)
 
 
-def test_gap_is_an_error_unless_holding_is_allowed():
+def test_a_gap_or_a_missing_start_or_end_is_an_error_unless_holding_is_allowed():
     recording = piecewise_recording(PLAN)
     keep = np.delete(np.arange(34), [5, 6])
     holed = with_gyro(recording, t_s=recording.gyro.t_s[keep], rates=recording.gyro.rates[keep])
@@ -47,10 +47,6 @@ def test_gap_is_an_error_unless_holding_is_allowed():
     assert held.held_s == pytest.approx(1.0)
     assert held.arcs.dt[:18].sum() == pytest.approx(10.0)
     assert held.arcs.dt.max() == pytest.approx(1.5)
-
-
-def test_missing_start_or_end_is_an_error():
-    recording = piecewise_recording(PLAN)
     late = with_gyro(recording, t_s=recording.gyro.t_s[10:], rates=recording.gyro.rates[10:])
     with pytest.raises(InputError, match="m1: no gyro sample covers"):
         prepare_measurements(late)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal import GyroParameters
 from gyrocal.attitude import matrix_from_quaternion, quaternion_from_matrix
+from gyrocal.estimation.alignment import AlignmentResult
 from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
@@ -76,15 +77,12 @@ class AlignmentOrbit:
     position: Array
     angles: Array
 
-    def series(
-        self,
-        rng: np.random.Generator | None = None,
-        M: Array = M_TRUE,
-        biases: Array = TRMM_BIASES,
-    ) -> list[SensorSeries]:
+    def series(self, rng: np.random.Generator | None = None) -> list[SensorSeries]:
         """DSS-1, DSS-2 and ESA as an estimator gets them, with nominal models."""
         out = []
-        pairs = zip(true_sun.build_trmm_sensors(misalignments=(np.eye(3), M), heads=SQUARE), trmm_sun_sensors(), strict=True)
+        pairs = zip(
+            true_sun.build_trmm_sensors(misalignments=(np.eye(3), M_TRUE), heads=SQUARE), trmm_sun_sensors(), strict=True
+        )
         for true, nominal in pairs:
             counts, visible = true_sun.observe(rng, true, self.A, self.sun)
             out.append(nominal.series(self.t, counts, self.sun, visible))
@@ -92,7 +90,7 @@ class AlignmentOrbit:
         sigma = esa.sigma
         noise = 0.0 if rng is None else sigma * rng.standard_normal(self.angles.shape)
         model = EarthModel(esa, self.position)
-        out.append(SensorSeries(model, self.t, self.angles + biases + noise, np.full(self.angles.shape, sigma)))
+        out.append(SensorSeries(model, self.t, self.angles + TRMM_BIASES + noise, np.full(self.angles.shape, sigma)))
         return out
 
     def exact(self) -> list[SensorSeries]:
@@ -120,9 +118,7 @@ def build_alignment_orbit() -> AlignmentOrbit:
     return AlignmentOrbit(motion, t, A, np.tile(toward, (t.size, 1)), position, angles)
 
 
-def compute_alignment_error(
-    misalignment: Array, penetration_biases: Array, M: Array = M_TRUE, biases: Array = TRMM_BIASES
-) -> Array:
-    """True minus estimate (7,) of DSS-2's angles and ESA's biases, rad, from the M (3, 3) and biases (4,) found."""
-    turn = Rotation.from_matrix(M @ misalignment.T).as_rotvec()
-    return np.concatenate([turn, biases - penetration_biases])
+def compute_alignment_error(result: AlignmentResult) -> Array:
+    """True minus estimate (7,) of DSS-2's angles and ESA's biases, rad."""
+    turn = Rotation.from_matrix(M_TRUE @ result.misalignment["DSS-2"].T).as_rotvec()
+    return np.concatenate([turn, TRMM_BIASES - result.penetration_biases["ESA"]])

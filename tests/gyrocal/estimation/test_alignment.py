@@ -12,7 +12,6 @@ from tests.builders import choose_case_numbers, is_mean_of_chi2, squared_error
 from tests.gyrocal.estimation.attitude_cases import (
     ATTITUDE_CASE_ORBIT,
     M_DSS2,
-    M_TRUE,
     TRUE_MISALIGNMENT_ANGLES,
     build_alignment_orbit,
     compute_alignment_error,
@@ -28,19 +27,14 @@ def world():
     return build_alignment_orbit()
 
 
-def error_of(result, M=M_TRUE, biases=TRMM_BIASES):
-    """True minus estimate of DSS-2's angles and ESA's biases."""
-    return compute_alignment_error(result.misalignment["DSS-2"], result.penetration_biases["ESA"], M, biases)
-
-
 def test_R_3_is_found_without_noise_by_both_algorithms(world):
     series, gyro = world.exact(), world.motion.gyro()
     one = align_together(series, gyro, world.A[0], "DSS-1")
-    np.testing.assert_allclose(error_of(one), 0, atol=1e-11)
+    np.testing.assert_allclose(compute_alignment_error(one), 0, atol=1e-11)
     np.testing.assert_allclose(one.misalignment["DSS-2"], M_DSS2, atol=2e-6)
     np.testing.assert_allclose(one.attitude, world.A[0], atol=1e-11)
     two = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
-    np.testing.assert_allclose(error_of(two) / one.sigma, 0, atol=1e-4)
+    np.testing.assert_allclose(compute_alignment_error(two) / one.sigma, 0, atol=1e-4)
     assert two.rounds > 20
     np.testing.assert_allclose(
         two.covariance / np.outer(one.sigma, one.sigma), one.covariance / np.outer(one.sigma, one.sigma), atol=1e-6
@@ -55,7 +49,7 @@ def test_two_steps_made_once_keep_a_part_of_the_misalignment(world):
         expected = INJECTED - found.retained @ INJECTED
         assert np.abs(expected).max() > 10 * found.sigma[0]
         # First order in angles of 3e-3; the second is 1e-2 of the bias at most.
-        np.testing.assert_allclose(error_of(found), expected, rtol=0, atol=1e-2 * np.abs(expected).max())
+        np.testing.assert_allclose(compute_alignment_error(found), expected, rtol=0, atol=1e-2 * np.abs(expected).max())
     once = align_in_two_steps(series, gyro, world.A[0], "DSS-1")
     assert 0.1 < once.retained[0, 0] < 0.2  # DSS-2's x is along −Z: yaw
     assert once.loss_after > 100
@@ -74,9 +68,9 @@ def test_injected_misalignments_are_covered(world, cases):
         one = align_together(series, gyro, world.A[0], "DSS-1")
         best = align_together(series, gyro, world.A[0], "DSS-1", weighting="exact")
         two = align_in_two_steps(series, gyro, world.A[0], "DSS-1")
-        error = error_of(two)
-        out["together"].append(squared_error(error_of(one), one.covariance))
-        out["exact"].append(squared_error(error_of(best), best.covariance))
+        error = compute_alignment_error(two)
+        out["together"].append(squared_error(compute_alignment_error(one), one.covariance))
+        out["exact"].append(squared_error(compute_alignment_error(best), best.covariance))
         out["truth"].append(squared_error(error, two.covariance))
         out["mean"].append(squared_error(error - (INJECTED - two.retained @ INJECTED), two.covariance))
         out["loss"].append(best.loss_after)

@@ -17,13 +17,7 @@ from tests.gyrocal.importing.mems import INSTRUMENT, write_clock
 toolkit = pytest.importorskip("spiceypy")
 
 A = attitude.matrix_from_quaternion(piecewise_recording(series_s=20.0).attitudes.quaternions)
-HALF = np.sqrt(0.5)
 RESOLUTION_S = 2e-7  # of seconds past J2000 in a double
-
-
-@pytest.fixture
-def kernels(tmp_path):
-    return write_pointing(tmp_path / "a.bc", 1, np.array([5.0, 6.0]), A[:2]), write_clock(tmp_path / "a.tsc")
 
 
 def write_pointing(path, kind, ticks, matrices, rates=False, frame="J2000", quaternions=None):
@@ -83,25 +77,17 @@ def test_a_clock_with_several_rates(tmp_path, system):
     np.testing.assert_allclose(found.subtract(0) + 51.184 - (7300 * 86400 + 43200), tt, rtol=0, atol=3e-7)
 
 
-def test_a_quarter_turn_by_hand(tmp_path):
-    # The instrument's frame is the reference frame turned by +90 deg about z: C takes the reference's x to (0, −1, 0). SPICE's
-    # matrix of (cos, sin z) turns vectors by +90 deg, so its quaternion is that of −90 deg: (√½, 0, 0, −√½).
-    path = write_pointing(tmp_path / "hand.bc", 1, np.array([5.0]), [], quaternions=[[HALF, 0.0, 0.0, -HALF]])
-    found = ck.read_ck(path, write_clock(tmp_path / "c.tsc"))
-    np.testing.assert_allclose(found.q, [[0.0, 0.0, HALF, HALF]], atol=1e-15)
-    np.testing.assert_allclose(attitude.matrix_from_quaternion(found.q[0]) @ [1, 0, 0], [0, -1, 0], atol=1e-15)
-
-
-def test_what_a_ck_lacks_is_said(tmp_path, kernels):
+def test_what_a_ck_lacks_is_said(tmp_path):
     clock, ticks = write_clock(tmp_path / "c.tsc"), np.array([5.0, 6.0])
+    kernel = write_pointing(tmp_path / "a.bc", 1, ticks, A[:2])
     types = write_pointing(tmp_path / "five.bc", 5, ticks, [], quaternions=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))
-    (tmp_path / "half.bc").write_bytes(kernels[0].read_bytes()[:2500])
-    damaged = bytearray(kernels[0].read_bytes())
+    (tmp_path / "half.bc").write_bytes(kernel.read_bytes()[:2500])
+    damaged = bytearray(kernel.read_bytes())
     at = damaged.rindex(np.float64(2.0).tobytes())  # the number of attitudes, the last one of the segment
     (tmp_path / "many.bc").write_bytes(damaged[:at] + np.float64(1e300).tobytes() + damaged[at + 8 :])
     for read, words in (
         (lambda: ck.read_ck(types, clock), "segment 's' is of type 5; read are 1, 2 and 3"),
-        (lambda: ck.read_ck(kernels[0], clock, -7), "no instrument -7; there are -95001"),
+        (lambda: ck.read_ck(kernel, clock, -7), "no instrument -7; there are -95001"),
         (lambda: ck.read_ck(tmp_path / "many.bc", clock), "is damaged: it states 1e.300 attitudes"),
         (lambda: ck.read_ck(tmp_path / "half.bc", clock), "SPICE: .*"),
     ):

@@ -36,21 +36,6 @@ def test_every_way_to_write_an_attitude(way):
     np.testing.assert_allclose(found, A, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("w,x,y,z:scalar-first:body-to-world", [0.5**0.5, 0.0, 0.0, 0.5**0.5]),  # as a EuRoC folder has it
-        ("x,y,z,w:scalar-last:body-to-world", [0.0, 0.0, 0.5**0.5, 0.5**0.5]),  # as a bag of ROS has it
-        ("x,y,z,w:scalar-last:world-to-body", [0.0, 0.0, -(0.5**0.5), 0.5**0.5]),
-    ],
-)
-def test_a_quarter_turn_by_hand(text, values):
-    # The body is turned by +90 deg about z: the world's x axis has the body components (0, −1, 0).
-    q = column_mapping.convert_attitude("quat", text, np.array([values]))
-    np.testing.assert_allclose(q, [[0, 0, 0.5**0.5, 0.5**0.5]], atol=1e-15)
-    np.testing.assert_allclose(attitude.matrix_from_quaternion(q)[0] @ [1, 0, 0], [0, -1, 0], atol=1e-15)
-
-
 def test_euler_angles_by_hand():
     # Yaw by 90 deg, then pitch by 90 deg about the turned y: the body's x points down, its y to −x of the world.
     q = column_mapping.convert_attitude("euler", "y,p,r:deg:ZYX:body-to-world", np.array([[90.0, 90.0, 0.0]]))

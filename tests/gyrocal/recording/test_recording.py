@@ -28,17 +28,13 @@ def test_round_trip(folder):
     assert (back.title, back.epoch, back.time_scale, back.orbit) == (original.title, original.epoch, "UTC", None)
 
 
-def test_the_axis_that_flies_forward_is_kept(folder):
+def test_the_axis_that_flies_forward_and_that_noise_was_estimated_are_kept(folder):
     recording = load(folder)
     first, *others = recording.intervals
     save(dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="-x"), *others)), folder)
     assert [one.forward for one in load(folder).intervals] == ["-x", *[None] * len(others)]
     with pytest.raises(InputError, match=r"interval m1: forward \+z must be one of \+x, -x, \+y, -y, none"):
         dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="+z"), *others))
-
-
-def test_noise_that_was_estimated_is_kept_as_that(folder):
-    recording = load(folder)
     assert not recording.gyro.arw_estimated
     assert not recording.attitudes.sigma_estimated
     gyro = dataclasses.replace(recording.gyro, arw_estimated=True, arw_degrees=377.5)

@@ -20,11 +20,6 @@ def flown(*effects, seconds=6000.0, every=1, base=NOMINAL):
     )
 
 
-@pytest.fixture(scope="module")
-def nominal():
-    return flown()
-
-
 def test_updates_settle_at_the_difference_over_one_less_half_the_gain():
     """Measurements alternate by ±d/2; with a bias of ±B in turn |u| = d + B T and 2 B T = g |u|, so |u| = d/(1 − g/2)."""
     gain, base = 1.3, replace(NOMINAL, tables=build_period_tables()["precalibration"])
@@ -33,10 +28,10 @@ def test_updates_settle_at_the_difference_over_one_less_half_the_gain():
     assert sizes.mean() == pytest.approx(one.mean() / 2 / (1 - gain / 2), rel=0.15)
 
 
-def test_cross_track_leans_the_frame_on_board(nominal):
+def test_cross_track_leans_the_frame_on_board():
     """The computer's frame is off by δ/r in roll, which the Earth sensor does not see: the body leans the other way from it."""
     kilometres = 20.0
-    with_it = flown(f"cross_track={kilometres:g}")
+    with_it, nominal = flown(f"cross_track={kilometres:g}"), flown()
     change = (with_it.telemetry["error_roll_deg"] - nominal.telemetry["error_roll_deg"]).to_numpy()[2000:]
     assert np.abs(change).max() == pytest.approx(math.degrees(1e3 * kilometres / NOMINAL.orbit.radius), rel=0.15)
 

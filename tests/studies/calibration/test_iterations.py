@@ -13,12 +13,8 @@ FACTORS = [0.3, 1.0, 3.0, 10.0]
 
 
 @pytest.fixture(scope="module")
-def config():
-    return load_config(iterations.STUDY, changes={"cases": CASES, "factors": FACTORS})
-
-
-@pytest.fixture(scope="module")
-def rows(config, tmp_path_factory):
+def rows(tmp_path_factory):
+    config = load_config(iterations.STUDY, changes={"cases": CASES, "factors": FACTORS})
     return run_study(iterations.STUDY, config, tmp_path_factory.mktemp("iterations"))
 
 

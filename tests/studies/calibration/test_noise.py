@@ -1,7 +1,6 @@
 """The noise study's formal sigmas, shares and scaling laws against calibration and finite differences."""
 
 import numpy as np
-import pytest
 
 from gyrocal import GyroParameters, calibrate
 from simulator.scenario import override
@@ -21,12 +20,8 @@ CHANGES = {
 CONFIG = load_config(STUDY, changes=CHANGES)
 
 
-@pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("noise"))
-
-
-def test_sigmas_are_those_of_a_calibration_and_of_the_spread(rows):
+def test_sigmas_are_those_of_a_calibration_and_of_the_spread(tmp_path):
+    rows = run_study(STUDY, CONFIG, tmp_path)
     point = rows.iloc[3]
     levels = {"gyro.arw_deg_per_sqrt_s": point["arw_deg_per_sqrt_s"]}
     levels |= {f"reference.sigma_deg.{k}": point["sigma_deg"] for k in range(3)}

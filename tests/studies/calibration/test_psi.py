@@ -13,12 +13,8 @@ SMALL = {"slew_rates_deg_s": [0.25, 2.0], "steps_s": [0.5, 1.0, 4.0], "slew_angl
 
 
 @pytest.fixture(scope="module")
-def config():
-    return load_config(psi.STUDY, changes=SMALL)
-
-
-@pytest.fixture(scope="module")
-def rows(config, tmp_path_factory):
+def rows(tmp_path_factory):
+    config = load_config(psi.STUDY, changes=SMALL)
     return run_study(psi.STUDY, config, tmp_path_factory.mktemp("psi"))
 
 

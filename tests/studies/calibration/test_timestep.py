@@ -14,12 +14,8 @@ STEPS = [0.5, 1.0, 2.0, 8.0]
 
 
 @pytest.fixture(scope="module")
-def config():
-    return load_config(timestep.STUDY, changes={"cases": CASES, "steps_s": STEPS})
-
-
-@pytest.fixture(scope="module")
-def rows(config, tmp_path_factory):
+def rows(tmp_path_factory):
+    config = load_config(timestep.STUDY, changes={"cases": CASES, "steps_s": STEPS})
     return run_study(timestep.STUDY, config, tmp_path_factory.mktemp("timestep"))
 
 

@@ -31,13 +31,9 @@ def orbital():
     )
 
 
-@pytest.fixture(scope="module")
-def compared(orbital):
+def test_an_adopted_effect_closes_the_gap_beside_parameters_that_are_not_judged(orbital):
     recording, scenario = orbital
-    return compare(recording, [("adopted", scenario)], runs=60, seed=1)
-
-
-def test_an_adopted_effect_closes_the_gap_beside_parameters_that_are_not_judged(compared):
+    compared = compare(recording, [("adopted", scenario)], runs=60, seed=1)
     gap = compared.standings[1].gap
     assert gap.before_90[0] > 0
     assert gap.after_90[0] <= 0 <= gap.after_90[1]

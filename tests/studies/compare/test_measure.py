@@ -8,18 +8,10 @@ from studies.compare.measure import MeasurementSetup
 from tests.diagnosis import recordings
 
 
-@pytest.fixture(scope="module")
-def recording():
-    return recordings.recorded(1, sample_s=4.0)
-
-
-@pytest.fixture(scope="module")
-def measured(recording):
-    return MeasurementSetup.build(recording, calibrate(recording).parameters).measure(recording)
-
-
-def test_calibration_and_rms_are_the_calibrators(recording, measured):
+def test_calibration_and_rms_are_the_calibrators():
+    recording = recordings.recorded(1, sample_s=4.0)
     found = calibrate(recording)
+    measured = MeasurementSetup.build(recording, found.parameters).measure(recording)
     assert measured.mean_square == pytest.approx(found.chi2 / found.dof, rel=1e-9)
     np.testing.assert_allclose(measured.x, found.parameters.vector, rtol=0, atol=1e-11)
     table = calibrate(recording).residuals

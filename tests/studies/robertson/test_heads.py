@@ -20,20 +20,11 @@ DAYS = ("d09", "m1", "m2", "m3", "m4", "m5", "m6", "d25", "d37", "d57", "d73")
 FEW = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name in DAYS)})
 
 
-@pytest.fixture(scope="module")
-def rec(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sensors") / "rec"
-    save(simulate(FEW, seed=1, effects=[parse("dss_head:2=0.28156")]), folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def found(rec):
-    return diagnose(load(rec))
-
-
 @pytest.mark.usefixtures("blank_figures")
-def test_both_answers_are_one_in_terminal_json_and_page(found, run_cli, rec, tmp_path, monkeypatch):
+def test_both_answers_are_one_in_terminal_json_and_page(run_cli, tmp_path, monkeypatch):
+    rec = tmp_path / "rec"
+    save(simulate(FEW, seed=1, effects=[parse("dss_head:2=0.28156")]), rec)
+    found = diagnose(load(rec))
     assert found.verdict == "named"
     assert [cause.label for cause in found.causes] == ["dss_head:2"]
     assert found.sensors.present

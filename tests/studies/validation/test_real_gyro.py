@@ -25,14 +25,10 @@ def folder(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def rows(folder):
+def test_the_delay_is_identified_and_reported(folder, tmp_path):
     config = RealConfig(folder=str(folder))
     with threadpool_limits(1):
-        return pd.DataFrame(real_gyro.run_case(config, 0, Streams(config.entropy, 0))).assign(case=0, error="")
-
-
-def test_the_delay_is_identified_and_reported(rows, folder, tmp_path):
+        rows = pd.DataFrame(real_gyro.run_case(config, 0, Streams(config.entropy, 0))).assign(case=0, error="")
     (cause,) = real_gyro.select_rows(rows, "cause").to_dict("records")
     assert "time_offset" in cause["group"]
     assert cause["size"] == pytest.approx(LATE * SAMPLE_S, abs=3 * cause["sigma"])
@@ -40,7 +36,7 @@ def test_the_delay_is_identified_and_reported(rows, folder, tmp_path):
     assert steps["step"].tolist() == ["baseline", cause["cause"], "remainder", "floor"]
     assert steps["closed"][1] > 0.9
     assert steps["closed"][1] + steps["closed"][2] == pytest.approx(1.0)
-    made = real_gyro.build_report(RealConfig(folder=str(folder)), rows)
+    made = real_gyro.build_report(config, rows)
     (shown,) = made.tables["trials"].get_shown_data().to_dict("records")
     assert " s (" in shown["causes"]  # a size in s and a probability
     assert "%" in shown["closed"]

@@ -21,13 +21,6 @@ def test_reference_error_at_rest_is_least_squares(resting):
     assert samples == 0
 
 
-def test_constant_rate_is_taken_up(resting):
-    raw = np.full_like(resting.around.stream.raw, 1e-7)
-    attitude, samples = resting.measure([Change(raw, np.zeros((len(resting.around.references.t_s), 3)))])
-    assert attitude < 1e-3
-    assert samples < 1e-3
-
-
 def test_noise_level_is_that_of_its_divergence(resting):
     """√(n (f² − 1 − ln f²)) of n samples whose noise is f times as large."""
     factor, count = 1.3, len(resting.around.stream.t_s)
