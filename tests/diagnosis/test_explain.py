@@ -1,4 +1,4 @@
-"""What the attitude shows: the gate, the judgement of the references' noise, and causes that close nothing."""
+"""What the attitude shows: the gate, the judgement of the references' noise, idle causes, and the sides of a remainder."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The residual covariance against Monte Carlo of its definition and against hand-worked cases."""
+"""The residual covariance against hand-worked cases, and its root against that of the whole matrix."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""ψ, R and Θ against integrals, finite differences, another implementation and each other."""
+"""ψ, R and Θ against integrals, another implementation and each other."""
 
 import gtsam
 import numpy as np

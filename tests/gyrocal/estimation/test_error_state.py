@@ -1,4 +1,4 @@
-"""The compiled filter steps against integrals, the calibration's own matrices, and the textbook's information form."""
+"""The compiled filter steps against integrals, and the textbook's information form."""
 
 import numpy as np
 import pytest

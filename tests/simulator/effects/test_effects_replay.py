@@ -1,4 +1,4 @@
-"""A recording simulated again: its motion, its noise, what a calibration makes of it; and the command line of both."""
+"""A recording simulated again: its motion, its noise; and the command line of both."""
 
 import json
 from dataclasses import replace

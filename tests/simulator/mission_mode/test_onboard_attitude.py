@@ -1,4 +1,4 @@
-"""The commanded frame, the estimate against it, and the yaw that a sun sensor gives."""
+"""The estimate against the commanded frame, and the yaw that a sun sensor gives."""
 
 import numpy as np
 import pytest

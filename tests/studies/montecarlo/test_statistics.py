@@ -1,4 +1,4 @@
-"""Verdicts on estimators known to be calibrated, over-confident, under-confident and biased."""
+"""Bounds and intervals against closed forms, their own coverage, and large numbers in the place of infinite ones."""
 
 import math
 
