@@ -1,4 +1,8 @@
-"""Probabilities of explanations: of the attitude, of what the samples show, and of both together."""
+"""Probabilities of explanations, which are sets of effects: of the attitude, of what the samples show, and of both together.
+
+The probability of one cause is made by `diagnosis.inference.joint_search.build_slot`; that of a cause which the samples show,
+by `diagnosis.model.symptoms.compute_posterior`.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Noise of one gyro: its level, and whether an excess is white noise or readout noise of the angle.
+"""A fit of the noise of one gyro: its level, and whether an excess is white noise or readout noise of the angle.
 
-Of short blocks of samples, the largest share of the calmest is taken in which no motion shows:
-whose powers are those of noise, and scatter as such, as they do not where the motion has jerks. Blocks that pass zero, where a
+Of short blocks of samples, the largest share of the calmest is taken in which no motion shows: whose powers are those of noise,
+and scatter as such, as they do not where the motion has jerks. Blocks that pass zero, where a
 dead zone jumps, count if they show the same level. Where a motion shows in all shares, but the spectrum is level beside a weak
 one, all that it adds counts as an uncertainty of the level. Two templates test whether the noise is as stated, white noise of
 another level and readout noise beside white noise as stated, and the smaller p-value counts twice.

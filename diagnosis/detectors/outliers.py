@@ -193,7 +193,7 @@ def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
     """Tell whether a sample that deviates is alone off the quintic through three samples on either side of each.
 
     A spike is about as far off its own quintic. Those of the samples beside it show the spike with the weights that it has in
-    them, and nothing else. The rate of a fast and jerky motion may be far off what the readings around it predict, but not so.
+    them, and nothing else. A fast and jerky motion may be as far off its quintics, but not in this pattern.
     """
     off = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
     half, limit = len(BETWEEN) // 2, LIMIT * noise
@@ -240,7 +240,7 @@ class _Shapes:
     def __init__(self, weights: Array) -> None:
         K = np.concatenate([-weights[::-1], [1.0], -weights])
         t = np.arange(-2.0 * SIDE, 2 * SIDE + 1)
-        after = [t >= late for late in (0, 1)]
+        after = [t >= late for late in (0, 1)]  # a step at the sample or just after it
         shapes = [t[:, None] == 0.0, *(np.column_stack([one, one * t]) for one in after)]
         seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SIDE:-SIDE] for one in shapes]
         values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SIDE)])))

@@ -110,9 +110,10 @@ def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]
         return count / joint.size, IMPOSSIBLE if count >= 3 else 1.0
 
     def compute_log_likelihood(log_share: float) -> float:
+        """Log likelihood of which samples repeat, if a share of them repeats by a fault and others by chance."""
         share = np.exp(log_share)
-        made = share + (1 - share) * chance
-        return float(np.sum(np.log(np.where(joint, made, 1 - made))))
+        p_repeat = share + (1 - share) * chance
+        return float(np.sum(np.log(np.where(joint, p_repeat, 1 - p_repeat))))
 
     found = scipy.optimize.minimize_scalar(
         lambda x: -compute_log_likelihood(x), bounds=(np.log(0.1 / joint.size), np.log(0.99)), method="bounded"

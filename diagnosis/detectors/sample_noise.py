@@ -1,4 +1,4 @@
-"""Noise of the samples of all gyros: where they are quiet, how loud they are, and which symptoms that makes.
+"""The decision on the noise of the samples: where they are quiet, how loud they are, and which symptoms that makes.
 
 Noise that all three gyros have too much of by one factor is of one kind, and each says its part of which. Power in one band of
 the spectrum is no noise of another level, but a body that shakes with its wheels or its appendages.

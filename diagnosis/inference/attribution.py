@@ -1,4 +1,4 @@
-"""Attribution: from the evidence of sets of effects to the causes that may be named.
+"""Attribution: from the evidence of sets of effects to a verdict on the causes, whose probabilities are made in `joint_search`.
 
 A cause is *named* if its probability is at least `DiagnosisSettings.named`. Where several listed effects share the probability
 of one place in the explanation, they are a *group* of indistinguishable alternatives. A random process explains a part of

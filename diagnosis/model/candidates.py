@@ -223,7 +223,7 @@ def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, a
         long = fit_delays(model, columns[0], effect.prior)
         columns += [column for column, _ in long]
         parameters += [{} for _ in long]
-        weights = [0.5, *(0.5 * weight for _, weight in long)] if long else weights
+        weights = [0.5, *(0.5 * weight for _, weight in long)] if long else weights  # longer ones have half of the prior
     return build_group(effect, axis, columns, parameters, weights)
 
 

@@ -45,9 +45,9 @@ class DetectionPower:
         self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
         self._correlation = linear.X.T @ linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
 
-    def compute_excess(self, moved: Array, amplitude: float) -> float:
-        """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
-        values = self.search.compute_null_statistic(self._correlation + amplitude * moved)
+    def compute_excess(self, projection: Array, amplitude: float) -> float:
+        """The statistic that nine draws in ten pass, less the threshold; its projection Xᵀx is (p, 1) or (p, d)."""
+        values = self.search.compute_null_statistic(self._correlation + amplitude * projection)
         return float(np.quantile(values, 1 - SETTINGS.power)) - self.threshold
 
     def size(self, x: Array, start: float) -> float:
@@ -55,8 +55,8 @@ class DetectionPower:
 
         A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
         """
-        moved = self.linear.X.T @ x
-        here, value = start, self.compute_excess(moved, start)
+        projection = self.linear.X.T @ x
+        here, value = start, self.compute_excess(projection, start)
         low, high = 0.0, np.inf
         slope = 25.0
         for _ in range(SETTINGS.steps):
@@ -66,7 +66,7 @@ class DetectionPower:
             there = here * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
             if not low < there < high:
                 there = float(np.sqrt(low * high)) if np.isfinite(high) and low > 0 else (2 * low if low > 0 else 0.5 * high)
-            new = self.compute_excess(moved, there)
+            new = self.compute_excess(projection, there)
             slope = max((new - value) / np.log(there / here), 1.0)
             here, value = there, new
         return here if abs(value) < 1.0 else float("inf")

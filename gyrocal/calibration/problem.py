@@ -180,7 +180,8 @@ class Problem:
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
         values = np.column_stack([self._compute_sensitivity(propagation.S, parameters), theta.ravel()])
-        if self._chained.all():  # by itself: the covariances of other groups take as long to compile
+        # Where all groups are chains, the functions for others are not called: they take as long to compile.
+        if self._chained.all():
             white, variance = np.empty_like(values), np.empty_like(theta)
             whiten_chain(self.groups[0], values, R, self.references, self.walk, white, variance)
         else:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
 LATE = {  # public names, and the modules that load pydantic's models or scipy for them
+    "ImportResult": "gyrocal.importing.build",
     "Mapping": "gyrocal.importing.column_mapping",
     "SensorReferences": "gyrocal.importing.reference_join",
     "explain_refusal": "gyrocal.importing.agreement",
@@ -45,6 +46,7 @@ LATE = {  # public names, and the modules that load pydantic's models or scipy f
 
 __all__ = [
     "NOTES_FILE",
+    "ImportResult",
     "Mapping",
     "SensorReferences",
     "explain_refusal",

@@ -97,7 +97,7 @@ def _find_jumping_runs(identity: Mask, q: Array, path: Array) -> Mask:
 
 
 def _estimate_rest_rate(t_s: Array, q: Array, gyro_t_s: Array, raw: Array, sample_s: float) -> Array:
-    """(k,) rates where they scatter least; zero if the attitudes turn there, as those of a body that spins evenly."""
+    """The gyro's reading at rest (k,), from where it scatters least; zero if the attitudes turn there, as of an even spin."""
     size = max(round(WINDOW_S / sample_s), 4)
     count = len(raw) // size
     if count < 4 or t_s.size < FEWEST_ATTITUDES:

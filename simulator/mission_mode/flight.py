@@ -178,6 +178,7 @@ class _Flight:
         return Slew(0.0 if self.forward == "+x" else np.pi, 0.0, 0.0, 0.0, 0.5)
 
     def _tabulate_slew(self, slew: Slew, bias: float) -> dict[str, float | str]:
+        """Errors at the end of a slew: of pointing, and of targeting, which is that less what the gyro alone has."""
         last = self.state.past[0]
         targeting = np.rad2deg(last - self.state.probe)
         return {

@@ -189,6 +189,7 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """Draw the error after iterations over the initial error, a panel for each direction."""
 
     def lines(part: pd.DataFrame) -> list[Line]:
+        """The median without noise, dotted, and the median and 5 to 95 % with noise, of each number of iterations."""
         out = []
         for k, (colour, label) in ITERATION_STYLES.items():
             left = _compute_remaining_error(part, k)

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
-    help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
-    "then the most there may be. The column may be 'failed'.",
+    help="Stop when the half-width of the 95 % interval of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a "
+    "limit, or after --cases cases. The column may be 'failed'.",
 )
 @click.option(
     "--require",

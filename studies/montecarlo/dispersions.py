@@ -189,6 +189,8 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlation
         if correlated.count(path) > 1:
             raise InputError(f"correlations: {path}: stands twice; give all paths that it is correlated with in one matrix")
     for path, dispersion in dispersions.items():
+        if not isinstance(dispersion, Normal | Uniform | LogUniform):
+            raise InputError(f"dispersions: {path}: is no Dispersion; declare the field as dict[str, Dispersion]")
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
     override(scenario, _evaluate_at_shares(dispersions, scenario, repeat(0.5)))

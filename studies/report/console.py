@@ -90,8 +90,9 @@ def show_progress(
                     return
                 last, known = clock(), bar.tasks[0]
             left = "" if known.time_remaining is None else f", {known.time_remaining:.0f} s left"
-            rate, old = known.completed / (known.elapsed or math.inf), known.fields["old"]
-            output.print(f"{label}: {known.completed:.0f}/{total}, {rate:.1f}/s{left}{old and f', {old}'}", highlight=False)
+            rate = known.completed / (known.elapsed or math.inf)
+            running_note = f", {known.fields['old']}" if known.fields["old"] else ""
+            output.print(f"{label}: {known.completed:.0f}/{total}, {rate:.1f}/s{left}{running_note}", highlight=False)
 
         def advance(count: int) -> None:
             bar.advance(task, count)

@@ -414,11 +414,12 @@ def decide_outcome(kind: str, present: bool, count: int, judged: Sequence[Mappin
         return "missed"
     if verdict == "unknown" or not judged:
         return "unknown"
-    if all(one["right"] for one in judged):
-        whole = kind == "mixed" or {hit for one in judged for hit in one["hits"]} == set(range(count))
-        return "right" if whole else "part"
-    localised = kind in ("withheld", "unlisted") and all(one["near"] for one in judged)
-    return "localised" if localised else "wrong"
+    right = all(one["right"] for one in judged)
+    if right and (kind == "mixed" or {hit for one in judged for hit in one["hits"]} == set(range(count))):
+        return "right"
+    if kind in ("withheld", "unlisted"):
+        return "localised" if all(one["near"] for one in judged) else "wrong"
+    return "part" if right else "wrong"
 
 
 def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
@@ -436,9 +437,11 @@ def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
 def score_truth(drawn: DrawnCase, scores: Mapping[str, float]) -> float:
     """Conformal score of what is put in; of an effect outside the library, that of unknown or of its side and axis."""
     if drawn.kind in ("none", "single", "pair"):
-        labels = [(one.label(), find_effect(one.effect).is_process) for one in drawn.settings]
-        return scores.get(name_of(label_by_character(label) if random else label for label, random in labels), MISSING)
-    last = drawn.settings[-1]
+        random = [find_effect(one.effect).is_process for one in drawn.settings]
+        labels = [one.label() for one in drawn.settings]
+        stated = [label_by_character(label) if of_one else label for label, of_one in zip(labels, random, strict=True)]
+        return scores.get(name_of(stated), MISSING)
+    last = drawn.settings[-1]  # the one without a name is drawn last
     character = label_by_character(Setting(find_side(last.effect), last.axis, 0.0).label())
     return min(score for name, score in scores.items() if name == UNKNOWN or character in name.split(" + "))
 

@@ -86,8 +86,9 @@ class Lot(NamedTuple):
         return float(np.deg2rad(log_uniform(self.rng, *self.peaks)))
 
     def slews(self, most: int) -> list[Slew]:
-        """Turns about near the axes of the frame one after another, so that all axes come."""
-        edges = np.linspace(0, self.length_s, int(self.rng.integers(0 if self.number > 2 else 1, most + 1)) + 1)
+        """Turns about near the axes of the frame one after another; the first three stretches have one at least."""
+        least = 0 if self.number > 2 else 1
+        edges = np.linspace(0, self.length_s, int(self.rng.integers(least, most + 1)) + 1)
         out = []
         for place, (low, high) in enumerate(pairwise(edges)):
             room = min(high - low - 2 * min(REST_S, 0.1 * (high - low)), 600.0)

@@ -7,8 +7,25 @@ import scipy.stats
 from diagnosis.model import linearise, process_projection, processes
 from diagnosis.model.process_projection import ProcessProjection, split_cells
 from diagnosis.model.processes import build_all_columns, build_usual_columns, list_process_places, markov
-from simulator.effects import EFFECTS
+from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import of_rates, prepared, recorded
+
+
+@pytest.fixture(scope="module")
+def model():
+    return prepared(3).model
+
+
+def test_flicker_has_a_flat_allan_variance_at_its_floor():
+    """Allan variance of the kernel at cluster times inside its range: 2 ln 2/π B², IEEE Std 952."""
+    step = 20.0
+    t = step * np.arange(800)
+    at = ProcessTimes(t, t, np.zeros(t.size, dtype=np.intp))
+    K = EFFECTS["noise_flicker"].covariance(at, {}) / np.deg2rad(1 / 3600) ** 2
+    for clusters in (25, 60, 150):
+        weight = np.zeros(800)
+        weight[:clusters], weight[clusters : 2 * clusters] = -1 / clusters, 1 / clusters
+        assert 0.5 * weight @ K @ weight == pytest.approx(2 * np.log(2) / np.pi, rel=0.15)
 
 
 def test_all_columns_of_a_process_are_its_covariance():

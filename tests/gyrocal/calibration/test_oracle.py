@@ -8,11 +8,16 @@ from scipy.spatial.transform import Rotation
 from gyrocal import GyroParameters, InputError, UnobservableError, calibrate
 from gyrocal.calibration.gyro_space import (
     GYRO_NAMES,
+    SPACES,
+    compute_gyro_jacobian,
     convert_from_gyro_space,
     convert_to_gyro_space,
 )
-from tests.builders import PLAN, PRELAUNCH, TRUTH, piecewise_recording
+from tests.builders import PLAN, TRUTH, piecewise_recording
 
+PRELAUNCH = GyroParameters(
+    np.eye(3) + np.deg2rad([[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]]), np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
+)
 NODES, WEIGHTS = leggauss(10)
 ARW = np.deg2rad(2e-4)
 
@@ -145,6 +150,19 @@ def test_one_gyro_is_calibrated_alone():
     assert (np.flatnonzero(np.diag(gyro.own_covariance)) == sorted(own)).all()
     row = calibrate(recording, initial=off, solve_for="gyro_y")
     assert np.abs(row.G - TRUTH.G).max() > 1e-7
+
+
+def test_jacobian_is_the_derivative():
+    y, h = convert_to_gyro_space(PRELAUNCH), np.array([1e-4] * 9 + [1e-6] * 3)
+    for k in range(12):
+        step = h[k] * np.eye(12)[k]
+        # Central differences, Richardson's: exact to the fifth order.
+        once, twice = (
+            (convert_from_gyro_space(y + m * step).vector - convert_from_gyro_space(y - m * step).vector) / (2 * m * h[k])
+            for m in (1, 2)
+        )
+        np.testing.assert_allclose(compute_gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
+    np.testing.assert_array_equal(SPACES["gain"].jacobian(PRELAUNCH), np.eye(12))
 
 
 def test_what_gyro_space_cannot_describe_is_refused():

@@ -1,4 +1,4 @@
-"""ψ, R and Θ against integrals, another implementation and each other."""
+"""ψ, R and Θ against integrals, finite differences, another implementation and each other."""
 
 import gtsam
 import numpy as np
@@ -86,6 +86,24 @@ def test_samples_left_out_or_held_twice_break_a_piece():
     assert is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
     assert not is_unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
     assert not is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
+
+
+def test_theta_is_the_derivative_of_the_attitude():
+    raw, dt = stream(400)
+    arcs = arcs_of(raw, dt, [[400]])
+    base = propagate(arcs, G, BIAS)
+    derivative = np.empty((3, 12))
+    for k in range(12):
+        h = 1e-6 if k < 9 else 1e-8
+        turned = []
+        for sign in (1, -1):
+            x = np.concatenate([G.ravel(), BIAS])
+            x[k] += sign * h
+            turned.append(propagate(arcs, x[:9].reshape(3, 3), x[9:]).R[0])
+        # A_prop → exp(-[Θ dx ×]) A_prop, so θ = log(A A_propᵀ) grows by Θ dx.
+        derivative[:, k] = Rotation.from_matrix(turned[1] @ turned[0].T).as_rotvec() / (2 * h)
+    scale = np.abs(base.Theta[0]).max(axis=0)
+    np.testing.assert_allclose(derivative / scale, base.Theta[0] / scale, atol=2e-7)
 
 
 def test_bias_columns_agree_with_gtsam_preintegration():

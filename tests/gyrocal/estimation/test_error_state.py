@@ -1,11 +1,11 @@
-"""The compiled filter steps against integrals, and the textbook's information form."""
+"""The compiled filter steps against integrals, the calibration's own matrices, and the textbook's information form."""
 
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 
 from gyrocal import psi_matrix
-from gyrocal.attitude import cross_matrix
+from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.propagation import compute_psi_coefficients
 from gyrocal.estimation.error_state import (
     COVARIANCE_SERIES_LIMIT,
@@ -41,6 +41,18 @@ def test_integrals_of_a_step(phi):
         (np.eye(3) / 2 - d * K + f * K @ K, psi),
     ):
         np.testing.assert_allclose(closed, quad_vec(function, 0, 1, epsabs=1e-14)[0], atol=1e-13)
+
+
+@pytest.mark.parametrize("dt", [0.5, 10.0])
+def test_transition_is_that_of_the_calibration(dt):
+    R, B = np.empty((3, 3)), np.empty((3, 12))
+    angle = compute_transition(TRUTH.vector, RAW, dt, ALL, R, B)
+    omega = TRUTH.G @ RAW + TRUTH.bias
+    np.testing.assert_allclose(angle, omega * dt, rtol=1e-15)
+    np.testing.assert_allclose(R, rotation_matrix(-omega * dt), atol=1e-15)
+    np.testing.assert_allclose(
+        B, psi_matrix(omega, dt) @ np.hstack([np.kron(np.eye(3), RAW), np.eye(3)]), rtol=1e-13, atol=1e-15
+    )
 
 
 def test_noise_of_long_steps_is_that_of_many_short_ones():

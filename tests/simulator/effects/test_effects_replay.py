@@ -1,9 +1,10 @@
-"""A recording simulated again: its motion, its noise; and the command line of both."""
+"""A recording simulated again: its motion, its noise, what a calibration makes of it; and the command line of both."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
+import scipy.stats
 
 import simulator
 from gyrocal import calibrate, load, save
@@ -45,6 +46,16 @@ def test_replay_keeps_everything_but_the_draws():
     clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
     np.testing.assert_array_equal(clean.attitudes.quaternions, FOUND.quaternions)
     np.testing.assert_allclose(clean.gyro.rates @ FITTED.G.T + FITTED.bias, FOUND.rates, atol=1e-17)
+
+
+def test_replays_calibrate_to_their_truth_within_sigma():
+    """Sum of 12 normalised squared errors over 10 seeds: χ² of 120."""
+    nees = 0.0
+    for seed in range(10):
+        result = calibrate(replay(ORIGINAL, FITTED.G, FITTED.bias, seed=seed, motion=FOUND))
+        error = result.parameters.vector - FITTED.vector
+        nees += error @ np.linalg.solve(result.covariance, error)
+    assert 0.001 < scipy.stats.chi2.sf(nees, 120) < 0.999
 
 
 def test_holes_and_outliers_are_bridged():

@@ -151,6 +151,22 @@ def test_unloading_bounds_the_wheels():
     assert without.max() > 5 * with_it.max()
 
 
+def test_faulty_s_filter_shows_as_spikes():
+    """R Figure 8: with the Sun through a quadrant the faulty restart tilts the spacecraft; filter off and correct do not."""
+    worst = {}
+    for s_filter in ("restarted", "correct", "off"):
+        run = simulate_mission(
+            at_sun_angle(42.0, tables=replace(PERIODS["postcalibration"], s_filter=s_filter)),
+            seconds=4 * ORBIT_S,
+            seed=7,
+            telemetry_every=4,
+        )
+        assert run.orbits["three_quadrants"][0] > 0.005
+        worst[s_filter] = run.telemetry[["error_roll_deg", "error_pitch_deg"]].abs().to_numpy().max()
+    assert worst["restarted"] > 0.1
+    assert max(worst["correct"], worst["off"]) < 0.5 * worst["restarted"]
+
+
 def test_penetration_biases_show_as_roll_and_pitch(runs):
     """Roll ½ Σ b_i sin ζ_i, pitch −½ Σ b_i cos ζ_i: what the spacecraft leans by until the biases are on board."""
     b = np.deg2rad([-0.1574, 0.04635, -0.09414, -0.05382])

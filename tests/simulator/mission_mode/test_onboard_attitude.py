@@ -1,12 +1,15 @@
-"""The estimate against the commanded frame, and the yaw that a sun sensor gives."""
+"""The commanded frame, the estimate against it, and the yaw that a sun sensor gives."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
+from simulator.mission_mode.target_frame import compute_commanded_attitude
+from simulator.sensors.horizon import compute_orbit_position
 from simulator.sensors.sun import build_trmm_sensors, compute_counts, compute_head_tangents
-from simulator.truth.orbit import CircularOrbit
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
+from tests.simulator.sensors.nadir import geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.3, j2=True)
 T = np.linspace(0.0, ORBIT.period, 200)
@@ -15,6 +18,13 @@ T = np.linspace(0.0, ORBIT.period, 200)
 def turn(vector):
     """exp(−[v×])."""
     return Rotation.from_rotvec(-np.asarray(vector)).as_matrix()
+
+
+def test_z_is_the_geodetic_nadir():
+    frame = compute_commanded_attitude(ORBIT, T)
+    assert np.abs(frame[:, 2] - geodetic_nadir(compute_orbit_position(ORBIT, T))).max() < 1e-9
+    assert np.abs(frame @ np.swapaxes(frame, 1, 2) - np.eye(3)).max() < 1e-14
+    assert np.abs(frame[:, 2] - compute_lvlh_attitude(ORBIT, T)[:, 2]).max() > 1e-3  # negative control: geocentric is elsewhere
 
 
 def test_propagated_error_is_that_of_matrices():

@@ -28,6 +28,12 @@ def wobble(t: np.ndarray) -> np.ndarray:
     return 0.5 * np.stack([np.cos(t), np.sin(1.3 * t), 0.4 + 0.5 * np.sin(0.7 * t)], axis=-1)
 
 
+def test_halving_the_step_changes_nothing():
+    one, two = simulator.motion(BUSY), simulator.motion(BUSY, substeps=2)
+    assert np.abs(separation(one.quaternions, two.quaternions)).max() < 1e-12
+    assert np.abs(one.rates - two.rates).max() < 1e-16
+
+
 @pytest.mark.parametrize("scenario", [TRMM, BUSY])
 def test_closed_form(scenario):
     """At every reference outside of a hold the integrated attitude is the analytic one."""

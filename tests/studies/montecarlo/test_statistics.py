@@ -1,4 +1,4 @@
-"""Bounds and intervals against closed forms, their own coverage, and large numbers in the place of infinite ones."""
+"""Verdicts on estimators known to be calibrated, over-confident, under-confident and biased."""
 
 import math
 
@@ -10,6 +10,27 @@ from hypothesis import strategies as st
 
 from studies.calibration import summaries
 from studies.montecarlo import statistics
+
+N, P = 400, 3
+
+
+@pytest.fixture(scope="module")
+def cases():
+    rng = np.random.default_rng(11)
+    covariances = []
+    for _ in range(N):
+        L = np.tril(rng.normal(size=(P, P))) + 2 * np.eye(P)
+        covariances.append(np.diag([1.0, 1e-6, 1e3]) @ L @ L.T @ np.diag([1.0, 1e-6, 1e3]))
+    covariances = np.array(covariances)
+    errors = np.array([np.linalg.cholesky(V) @ rng.normal(size=P) for V in covariances])
+    return errors, covariances
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1.5, 0.0), (0.7, 0.0), (1.0, 1.0)])
+def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
+    errors, covariances = cases
+    sigma = np.sqrt(np.einsum("nii->ni", covariances))
+    assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).is_inside
 
 
 def test_bounds_and_intervals_are_those_of_closed_forms():

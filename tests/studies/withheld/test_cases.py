@@ -109,6 +109,9 @@ def test_judgement_and_outcome(turning):
     assert decide("pair", True, 2, [right], "named") == "part"
     assert decide("withheld", True, 1, near, "named") == "localised"
     assert decide("withheld", True, 1, [wrong_axis], "named") == "wrong"
+    stated = {key: value for key, value in state("bias_markov", "x").items() if key != "effect"}
+    (by_side,) = judge_causes(drawn, [stated])
+    assert decide("unlisted", True, 1, [by_side], "group") == "localised"
     assert decide("none", False, 0, [], "none") == "right"
     assert decide("unlisted", True, 1, [right], "unknown") == "unknown"
 
