@@ -48,6 +48,20 @@ def tabulate_withheld():
     return format_table(rows, ["what", "found"])
 
 
+def tabulate_withheld_runs():
+    """The study's rates of the run before, of the present one, and of both together."""
+    folder = RESULTS / "studies" / "withheld"
+    before, present = pd.read_csv(RESULTS / "withheld_before.csv"), pd.read_csv(folder / "rates.csv")
+    assert before["what"].tolist() == present["what"].tolist()
+    entropies = [before["entropy"].iloc[0], read_json(folder / "manifest.json")["config"]["entropy"]]
+    rows = []
+    for old, new in zip(before.itertuples(), present.itertuples(), strict=True):
+        hits, cases = old.hits + new.hits, old.cases + new.cases
+        both = f"{hits} of {cases} ({100 * hits / cases:.0f} %)"
+        rows.append([old.what, f"{old.hits} of {old.cases}", f"{new.hits} of {new.cases}", both])
+    return format_table(rows, ["what", *(f"entropy {one}" for one in entropies), "both"])
+
+
 def tabulate_natanson_estimates():
     table = reproduce.build_estimates_table(read_json("reproduction/summary.json"))
     return format_table([row for row in table.itertuples(index=False) if row.question in reproduce.ESTIMATES], table.columns)
@@ -95,6 +109,7 @@ def compute_kernel_ns():
 
 VALUES = {
     "withheld": tabulate_withheld,
+    "withheld_runs": tabulate_withheld_runs,
     "natanson_estimates": tabulate_natanson_estimates,
     "digits_table2": lambda: f"{count_changed_digits('table2')} of the 18",
     "digits_table4": lambda: f"{count_changed_digits('table4')} of 6",
