@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Arcs
+from gyrocal.arrays import Array
 from gyrocal.calibration.propagation import PSI_SERIES_LIMIT, Propagation
-from simulator.arrays import Array
 
 SOURCE = Path(__file__).with_name("kernel.c")
 COMPILE = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-Wno-psabi", "-c")

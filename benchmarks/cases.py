@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.processes import read_peak_rss_mb
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
+from gyrocal.arrays import Array
 from gyrocal.calibration.increment_packing import compute_packed_shape
-from simulator.arrays import Array
 from simulator.simulate import realise
 from simulator.streams import generator
 from studies.calibration.shared_truth import get_workspace

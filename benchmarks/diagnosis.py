@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.processes import read_peak_rss_mb
 from diagnosis.diagnose import diagnose
 from gyrocal import Attitudes, GyroStream, Interval, Recording
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.effects import EFFECTS
 
 SAMPLE_S = 0.01

@@ -6,7 +6,7 @@ from math import sin
 import numpy as np
 
 from gyrocal import Arcs, GyroParameters
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 SMALL = 1e-4  # rad; below it the closed forms lose digits and two terms of the series are exact
 

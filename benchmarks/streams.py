@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 
 from gyrocal import Arcs, GyroParameters, Recording
+from gyrocal.arrays import Array
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Propagation, propagate, propagate_packed
 from gyrocal.calibration.sampling import prepare_measurements
 from simulator import scenario as scenarios
-from simulator.arrays import Array
 from simulator.scenario import Scenario
 from simulator.simulate import compute_noise_free_rates, motion, observe
 from simulator.streams import generator

@@ -14,16 +14,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause
 from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
 from diagnosis.result import Diagnosis
+from gyrocal.arrays import Array
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import format_adopted, hash_recording
 from simulator.effects import REGISTRY, Setting, setting
-
-Array = NDArray[np.float64]
 
 NAMING = ("named", "group", "partial")  # verdicts whose causes are put into a scenario
 PROCESSES = {  # random errors without a name: the effect that simulates them, and its unit in rad or s

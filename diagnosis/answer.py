@@ -7,11 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from diagnosis.inference.levels import Levels
+from gyrocal.arrays import Array
 
-Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifiable"]
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis import notes, posterior
@@ -28,13 +27,13 @@ from diagnosis.model.symptoms import SampleCause, weigh_consequences
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from diagnosis.verdict import decide_verdict
+from gyrocal.arrays import Array
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
     from diagnosis.explain import AttitudeInference
 
-Array = NDArray[np.float64]
 
 SHOWN_EXPLANATIONS = 12  # in the list of the likeliest ones
 WORTH_SHOWING = 1e-4  # probability of an alternative

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect
@@ -25,9 +24,7 @@ from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.folds import PARTS, RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import PartSize, estimate_by_part
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from gyrocal.arrays import Array, Mask
 
 DRAWS = 2000  # of the bootstrap over held-out parts
 MATERIAL = 1.5  # of the stated sigma, from which an error of a held-out attitude matters to a user

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.answer import MOST, Closure, RemainderSummary, label_by_character
 from diagnosis.budget import Step, is_surely_closing, measure_causes, summarise_closure
@@ -32,9 +31,8 @@ from diagnosis.model.prepare import PreparedRecording, Progress, reclassify_with
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.remainder import summarise_remainder
 from diagnosis.settings import DiagnosisSettings
+from gyrocal.arrays import Array
 from simulator.effects.base import Effect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.answer import UNDECIDED, Regressor, RemainderSummary
 from diagnosis.arrays import AXES
@@ -18,8 +17,6 @@ from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import CLOCKS
-
-Array = NDArray[np.float64]
 
 SCALE_WANDERS = "scale factor or misalignment"  # begin of the names of errors in proportion to the rate
 MOST_REGRESSORS = 4  # that are reported

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.processes import TAGS_WANDER
 from diagnosis.model.recording_model import RecordingModel
-
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 DELAYS = ("time_offset", "rate_lag")
 CLOCKS = (*DELAYS, "clock_drift", "clock_slip", TAGS_WANDER)

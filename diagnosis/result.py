@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
 from diagnosis.budget import MisfitSize, Step, measure_misfit_size
@@ -16,12 +15,11 @@ from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
+from gyrocal.arrays import Array
 from gyrocal.masking import DataMask
 
 if TYPE_CHECKING:
     from diagnosis.plan.invisible import InvisibleEffect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ import scipy.ndimage
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.arrays import LEAST_POSITIVE, Array, Indices, Mask
+from diagnosis.arrays import LEAST_POSITIVE
+from gyrocal.arrays import Array, Indices, Mask
 
 Arcs = Sequence[tuple[int, int]]
 

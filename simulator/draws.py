@@ -21,8 +21,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 
 Words = NDArray[np.uint64]
 # Width w of each layer, that of the negative numbers second, and the m below which a draw is quick; (512,) each.

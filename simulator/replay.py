@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
+from gyrocal.arrays import Array
 from gyrocal.recording import Recording, find_reference_rows
-from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
 from simulator.sensors.gyro import compute_raw_rates

@@ -15,8 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
-from simulator.arrays import Array
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings
 from simulator.effects.chain import prepare_effects, simulate_readings, simulate_references
 from simulator.effects.housekeeping_columns import simulate_gyro_temperature, simulate_table_acceleration

@@ -16,7 +16,7 @@ from diagnosis.model.candidates import place_candidates
 from diagnosis.model.folds import build_normal_fold
 from diagnosis.model.linear import CandidateColumns, LinearModel
 from diagnosis.settings import DEFAULT
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 WIDTH = 40  # sets of each size that grow
 HOPELESS = 6.0  # log posterior by which the best set of a size may fall below the best of all, beyond which none grows further

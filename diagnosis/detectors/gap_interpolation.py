@@ -21,7 +21,7 @@ from functools import cache
 
 import numpy as np
 
-from diagnosis.arrays import Array, Indices, Mask
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.mask_runs import find_mask_runs
 
 SIDE = 8  # readings on either side

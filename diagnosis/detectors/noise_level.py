@@ -42,7 +42,7 @@ import scipy.linalg
 import scipy.special
 from scipy.special import expit
 
-from diagnosis.arrays import Array, Indices, Mask
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 
 CALM_SHARES = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones

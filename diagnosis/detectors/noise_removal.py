@@ -18,7 +18,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import uniform_filter1d
 
-from diagnosis.arrays import Array
+from gyrocal.arrays import Array
 from gyrocal.recording import Recording
 from gyrocal.smoothing import estimate_sample_sigma, replace_outliers, smooth_axis
 from simulator.effects.recording_view import find_interval_slices

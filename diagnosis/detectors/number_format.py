@@ -37,8 +37,9 @@ import numpy as np
 import scipy.ndimage
 from scipy.special import expit, logsumexp, ndtr
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from gyrocal.arrays import Array, Mask
 from simulator.effects.recording_view import find_interval_slices
 
 FORMATS: tuple[Kind, Kind] = ("rounded", "cut")

@@ -16,8 +16,9 @@ import scipy.linalg
 import scipy.ndimage
 import scipy.special
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, mark_consecutive_samples
+from gyrocal.arrays import Array, Mask
 
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.special
 
-from diagnosis.arrays import Array, Indices, Mask
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.arrays import Array, Indices, Mask
 
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count

@@ -36,10 +36,11 @@ import scipy.ndimage
 import scipy.optimize
 import scipy.special
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.gap_interpolation import fill_gaps
 from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, mark_consecutive_samples
+from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 
 NEARBY = 1500  # samples of a stretch of time in which the share of repeats is taken; short beside an orbit

@@ -22,7 +22,7 @@ import scipy.ndimage
 import scipy.special
 from scipy.special import expit, logit
 
-from diagnosis.arrays import AXES, Array, Indices, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.noise_level import (
     HIDDEN_TONE_FREQUENCY,
     LEVEL_WEIGHTS,
@@ -39,6 +39,7 @@ from diagnosis.detectors.noise_level import (
 )
 from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream, Symptom
+from gyrocal.arrays import Array, Indices, Mask
 
 HALF = 20  # samples on either side of one in the test for quiet
 # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
+from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.ndimage
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
 from diagnosis.detectors.outliers import find_outliers
@@ -29,6 +29,7 @@ from diagnosis.detectors.sample_noise import (
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleReport, SampleTest, Stream, Symptom
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Recording

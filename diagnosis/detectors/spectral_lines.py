@@ -20,7 +20,7 @@ import scipy.fft
 import scipy.ndimage
 import scipy.special
 
-from diagnosis.arrays import AXES, Array, Mask
+from diagnosis.arrays import AXES
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream
 from diagnosis.sinusoids import (
     Arcs,
@@ -35,6 +35,7 @@ from diagnosis.sinusoids import (
     make_waves,
     remove_line,
 )
+from gyrocal.arrays import Array, Mask
 from gyrocal.recording import Recording
 
 FEWEST_CYCLES = 4.0  # of a line in a segment; fewer are a trend

@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from diagnosis.inference.evidence import log_bayes, remove_shift
 from diagnosis.inference.products import Conditioning
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice, Parameters, SelectedCandidate
-
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 FINE_SIZES = 200  # of a random process
 REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor

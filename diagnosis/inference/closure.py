@@ -17,12 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.model.linear import Fold, LinearModel, SelectedCandidate
-
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 MEASURE = "held-out whitened mean square"
 LEAST_MISFIT = 1e-6

@@ -20,12 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 LEAST_POSITIVE = 1e-300  # least p-value
 

@@ -24,11 +24,10 @@ A shift o, which has the amplitude one wherever its group is at work, takes y to
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 MANY = 48  # columns from which on they are not turned to their eigenvectors
 

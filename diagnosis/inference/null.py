@@ -18,13 +18,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
 from diagnosis.settings import DEFAULT
-
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 LEAST_POSITIVE = 1e-300
 DRAWS_PER_BATCH = 250  # draws

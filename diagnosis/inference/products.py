@@ -10,13 +10,10 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from diagnosis.model.linear import LinearModel, SelectedCandidate
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 MOST_BATCH_COLUMNS = 24  # most columns of options that are computed together, those of one size at a time
 MOST_KEPT = 16_000_000  # products of columns that are kept

@@ -11,16 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.evidence import average_evidence, log_bayes
 from diagnosis.inference.products import Conditioning, Grams, Products
 from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
 SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened

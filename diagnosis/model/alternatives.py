@@ -34,7 +34,7 @@ from itertools import chain, combinations_with_replacement
 
 import numpy as np
 
-from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.arrays import AXES
 from diagnosis.model.bins import (
     Bins,
     build_bins,
@@ -47,6 +47,7 @@ from diagnosis.model.bins import (
 from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.periods import Found, Period, make_period_columns
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices
 from simulator.effects.common import recursion
 
 DAY = 86400.0

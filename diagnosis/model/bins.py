@@ -14,9 +14,10 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse
 
-from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.arrays import AXES
 from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices
 
 LONGEST = 8.0  # s, of a bin; the slews of most spacecraft take minutes
 MOST = 6000  # bins about, of a recording whose motion may be faster

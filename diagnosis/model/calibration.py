@@ -21,12 +21,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import LEAST_POSITIVE, Array, Indices, Mask
+from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.detectors.sample_report import SampleReport
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.folds import assign_folds
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges

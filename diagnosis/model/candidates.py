@@ -24,7 +24,7 @@ from itertools import chain
 import numpy as np
 import scipy.linalg
 
-from diagnosis.arrays import AXES, LEAST_POSITIVE, Array
+from diagnosis.arrays import AXES, LEAST_POSITIVE
 from diagnosis.model import alternatives, processes
 from diagnosis.model.folds import RECORDING_SPLIT, build_folds
 from diagnosis.model.linear import (
@@ -48,6 +48,7 @@ from diagnosis.model.recording_model import RANK, RecordingModel, build_paramete
 from diagnosis.model.steps import StepTimes, add_finer_times, add_step_times, build_switched_columns, step_times
 from diagnosis.model.time_offset import fit_delays
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.arrays import Array
 from simulator.effects.base import Effect, Surroundings
 
 ROUNDS = 6  # at most

@@ -33,9 +33,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.arrays import Array, Indices, Mask
 from diagnosis.model.linear import Fold
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 PARTS = 8  # of an interval

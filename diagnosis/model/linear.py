@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.arrays import Array, Indices, Mask
+from gyrocal.arrays import Array, Indices, Mask
 
 Parameters = dict[str, float | str]
 

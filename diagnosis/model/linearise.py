@@ -30,8 +30,8 @@ import numpy as np
 import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import Array, Indices
 from diagnosis.model.recording_model import Block, RecordingModel
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, prepare_measurements
 from gyrocal.recording import Interval, Recording, find_reference_rows

@@ -15,8 +15,8 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding, format_span
-from diagnosis.arrays import Array, Indices
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices
 
 PHASES = ("start", "slew", "hold", "end")
 

@@ -27,10 +27,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from diagnosis.answer import Finding
-from diagnosis.arrays import LEAST_POSITIVE, Array, Indices, Mask
+from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.inference.criticism import FEWEST, Check, Innovations, Layout, check_innovations
 from diagnosis.model.bins import find_steps
 from diagnosis.model.recording_model import RecordingModel, build_basis, build_parameter_errors
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower

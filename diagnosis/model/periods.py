@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from diagnosis.arrays import Array
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.sinusoids import IntervalProducts, find_tops, make_waves
+from gyrocal.arrays import Array
 from simulator.effects.base import AXIS_NAMES, Effect, Value
 from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 

@@ -39,7 +39,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import AXES, Array
+from diagnosis.arrays import AXES
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, estimate_reference_noise
 from diagnosis.detectors.sample_report import Line, SampleReport
@@ -52,6 +52,7 @@ from diagnosis.model.periods import make_grid
 from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
 from diagnosis.model.rounding import add_rounding
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.arrays import Array
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.masking import mark_interval_samples

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse
 
-from diagnosis.arrays import Array, Indices
+from gyrocal.arrays import Array, Indices
 from simulator.effects.common import markov
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.arrays import AXES, Array, Indices
+from diagnosis.arrays import AXES
 from diagnosis.model.linear import (
     Candidate,
     CandidateColumns,
@@ -33,6 +33,7 @@ from diagnosis.model.linear import (
 )
 from diagnosis.model.process_projection import LEAST_SHARE, ProcessProjection, select_nodes, split_cells
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices
 from simulator.effects.base import Effect, ProcessTimes, Value
 from simulator.effects.common import markov
 

@@ -32,8 +32,8 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg.blas import dtrsm
 
-from diagnosis.arrays import Array, Indices
 from diagnosis.model import process_projection
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, find_flight_directions

@@ -24,9 +24,9 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from diagnosis.arrays import Array
 from diagnosis.model.folds import build_shared_columns
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array
 
 Kernel = tuple[Array, ...]  # of each interval the whitened covariance (n, n) of its observations, at a variance of 1 (rad/s)²
 

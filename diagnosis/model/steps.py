@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from diagnosis.arrays import Array, Indices
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate, Wanted
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array, Indices
 from simulator.effects.base import Effect, Value
 
 StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`

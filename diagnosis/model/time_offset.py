@@ -19,8 +19,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import Array
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.arrays import Array
 from gyrocal.calibration.propagation import Arcs, propagate
 
 ROUNDS = 10  # in which a delay settles

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.model.candidates import list_effect_groups
 from diagnosis.model.linear import CandidateColumns
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import StepTimes
+from gyrocal.arrays import Array
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from simulator.simulate import add_gyro_temperature, simulate

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.result import SETTINGS
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import NAMES
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.recording import Recording

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.plan.columns import Signature, find_median_index
 from diagnosis.plan.result import SETTINGS, Pair, Visible
+from gyrocal.arrays import Array
 from simulator.effects import EFFECTS
 
 

@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.inference.null import draw_null_statistics
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
@@ -27,6 +26,7 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import Signature
 from diagnosis.plan.result import SETTINGS, Verdict, Visible
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.arrays import Array
 from simulator.effects import EFFECTS, Effect
 
 

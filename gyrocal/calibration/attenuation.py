@@ -25,11 +25,9 @@ from both ends, which is exact where σ is the same about all axes.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:

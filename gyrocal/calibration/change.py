@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
 
 SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; smaller ones are rounding of a combination that is held
 

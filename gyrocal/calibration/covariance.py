@@ -28,11 +28,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, multiply, solve_lower, transform_covariance
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 CovarianceModel = Literal["full", "references only"]
 

@@ -24,9 +24,9 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.attenuation import estimate_attenuation
 from gyrocal.calibration.covariance import CovarianceModel
@@ -46,8 +46,6 @@ from gyrocal.recording import Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 logger = logging.getLogger(__name__)
 

@@ -7,13 +7,11 @@ linear correction of those would be a number that means nothing.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from gyrocal.rests import compare_rests, compute_speed, find_rests
-
-Array = NDArray[np.float64]
 
 LARGEST_RESIDUAL = float(np.deg2rad(30.0))  # far outside what one linearisation can correct; wrong units look like this
 

@@ -27,12 +27,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import AXIS_NAMES, NAMES, GyroParameters
 from gyrocal.errors import InputError
 
-Array = NDArray[np.float64]
 Parametrisation = Literal["gain", "gyro"]
 
 GYRO_NAMES = (*(f"s_{i}" if i == j else f"u_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES), *(f"c_{i}" for i in AXIS_NAMES))

@@ -17,12 +17,10 @@ from llvmlite import ir
 from numba import uintp
 from numba.core import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Pieces = tuple[Indices, Indices]
 # Raw rates (samples, 3) rad/s; the sample that each step holds; duration of each step, s; whether that is `is_unbroken`.
 Stream = tuple[Array, Indices, Array, bool]

@@ -18,13 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.attitude import cross_matrix
 from gyrocal.calibration.parameters import AXIS_NAMES
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,11 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.covariance import model_covariance, whiten_chain
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.jit_cache import compile_cached
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 PLAUSIBLE_G = 0.01
 PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 AXIS_NAMES = ("x", "y", "z")
 NAMES = tuple(f"G_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES) + tuple(f"b_{i}" for i in AXIS_NAMES)

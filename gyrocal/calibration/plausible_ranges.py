@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from gyrocal.rests import compute_speed, find_rests
 
-Array = NDArray[np.float64]
 Grade = Literal["space", "tactical", "MEMS"]
 
 RAD_S_PER_DEG_H = float(np.deg2rad(1 / 3600))  # rad/s

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration import gate
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import (
@@ -37,8 +38,6 @@ from gyrocal.recording import Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")

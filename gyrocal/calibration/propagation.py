@@ -33,8 +33,8 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.increment_packing import (
     LANES,
@@ -47,9 +47,7 @@ from gyrocal.calibration.increment_packing import (
 )
 from gyrocal.jit_cache import compile_cached
 
-Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
-Indices = NDArray[np.intp]
 
 CACHE_LINE = 8  # doubles
 REGRESSOR_GROUP_SIZE = 4  # regressors carried by one pass

@@ -33,8 +33,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -57,8 +57,6 @@ from gyrocal.recording import GyroStream, Recording
 if TYPE_CHECKING:
     from gyrocal.calibration.result import CalibrationResult
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MOST_RESIDUALS = 150  # references that sizes are estimated from; time grows with the cube
 LEAST_RATIO = 3.0  # of successive time scales; closer ones are not told apart

@@ -25,10 +25,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
+
 Kind = Literal["rate", "reference", "delay"]
 
 BIAS_INDICES = (9, 10, 11)  # places of b_x, b_y, b_z among the twelve parameters

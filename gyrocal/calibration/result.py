@@ -9,8 +9,8 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.estimated_noise import compute_chi2_p
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.mounting import Mounting, compute_mounting
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
 PLAUSIBLE_PRIOR = "plausible ranges"  # in options["prior_from"]

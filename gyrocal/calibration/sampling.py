@@ -16,12 +16,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.propagation import Arcs
 from gyrocal.errors import InputError
 from gyrocal.recording import GyroStream, Recording, find_reference_rows
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Resampling = Literal["skip", "average"]
 
 TAG_ROUNDING = 1e-6  # of a sample

@@ -22,10 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 START_SHARE = 0.3  # share of the excess power that all components have together where the optimisation starts
 PRECISION = 1e-6  # relative change of −log L at which the optimisation ends

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.mounting import Mounting
 from gyrocal.calibration.observability import evaluate_observability, list_combinations
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
@@ -24,7 +24,6 @@ from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 if TYPE_CHECKING:
     from gyrocal.calibration.result import CalibrationResult
 
-Array = NDArray[np.float64]
 Belief = Literal["yes", "with_wider_sigmas", "no", "unchecked"]
 Fit = Literal["fits", "larger", "other_noise", "smaller", "untested"]
 

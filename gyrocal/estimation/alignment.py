@@ -43,8 +43,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError
 from gyrocal.estimation.arc import (
@@ -63,8 +63,6 @@ from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel
 from gyrocal.sensors.series import SensorModel, SensorSeries
 from gyrocal.sensors.sun import SunModel
-
-Array = NDArray[np.float64]
 
 COMMON_PART = 0.1  # of the plausible ranges: 0.1° of attitude, 0.05° of a sensor, 1 deg/h of bias
 SINGLE_ROTATION_SCATTER = 0.05  # scatter of an attitude change along the arc, relative to its size, that still is one rotation

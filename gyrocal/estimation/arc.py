@@ -9,17 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import cut_at, find_covering_samples
 from gyrocal.errors import InputError
 from gyrocal.estimation.least_squares import Rows
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 SAME_TIME_S = 1e-6
 

@@ -36,6 +36,7 @@ import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.calibration.observability import OBSERVABILITY_RANK_TOLERANCE, PLAUSIBLE_BIAS
 from gyrocal.calibration.parameters import BIAS_NAMES
@@ -54,7 +55,6 @@ from gyrocal.estimation.least_squares import ExactLeastSquares, Influence, Plain
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
 
-Array = NDArray[np.float64]
 Weighting = Literal["exact", "plain"]
 
 # The band's condition is 4 N² over the square of the walk in sigmas: below, rounding costs more than plain weights do.

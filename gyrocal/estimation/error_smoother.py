@@ -20,14 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.remainder_processes import Process
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DECAY_SERIES_LIMIT = 1e-4  # of x, below which series are exact to rounding
 

@@ -29,12 +29,9 @@ Then A ← exp([θ̂×]) A and x ← x − Δx̂, and the state starts from zero
 from math import cos, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 COVARIANCE_SERIES_LIMIT = 1.0  # rad; the closed forms below lose up to five digits of a covariance there, the series none
 SERIES_TERMS = 9

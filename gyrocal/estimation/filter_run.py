@@ -24,14 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.parameters import NAMES
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, advance
+from gyrocal.estimation.error_state import advance
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorSeries
-
-Array = NDArray[np.float64]
 
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 

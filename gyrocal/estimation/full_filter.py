@@ -31,16 +31,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.errors import InputError
 from gyrocal.estimation.filter_run import FilterRun, run
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorSeries
-
-Array = NDArray[np.float64]
 
 LEARNT = 0.02  # of the variance of a combination; less is not counted as found in a leg
 

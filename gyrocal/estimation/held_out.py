@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.davenport import calibrate
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.problem import Problem
@@ -25,9 +25,6 @@ from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import GyrocalError
 from gyrocal.estimation.prediction_consistency import HORIZON_TOLERANCE
 from gyrocal.recording import Interval, Recording, find_reference_rows
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 TURNS_S = (1.0, 10.0, 60.0)
 HELD_OUT_BLOCKS = 4  # each is held out once

@@ -34,11 +34,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 
 @dataclass(frozen=True)

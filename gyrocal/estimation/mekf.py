@@ -22,12 +22,11 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.parameters import BIAS_NAMES, NAMES, GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, compute_kalman_gain, correct_attitude, propagate_step, update_covariance
+from gyrocal.estimation.error_state import compute_kalman_gain, correct_attitude, propagate_step, update_covariance
 from gyrocal.sensors.series import SensorModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -50,21 +50,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.davenport import Accumulation
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, compute_transition, rotate_attitude
+from gyrocal.estimation.error_state import compute_transition, rotate_attitude
 from gyrocal.estimation.filter_run import find_held_sample
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Mask
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
@@ -51,9 +52,6 @@ from gyrocal.estimation.arc import GyroArc, build_gyro_arc
 from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording import Attitudes, Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
 CALIBRATION_ITERATIONS = 3

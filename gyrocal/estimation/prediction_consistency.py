@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array
 from gyrocal.calibration.remainder import choose_evenly
 from gyrocal.errors import InputError
 from gyrocal.estimation.predict import SAME_TIME_S, condition_on_references
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from gyrocal.recording import Attitudes, Recording, find_reference_rows
-
-Array = NDArray[np.float64]
 
 HORIZONS_S = (1.0, 5.0, 20.0)
 MOST_STARTS = 40

@@ -22,15 +22,12 @@ between them matter, and a calibration needs all of V.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.attitude import quaternion_from_matrix
 from gyrocal.errors import InputError
 from gyrocal.estimation.batch import BatchResult
 from gyrocal.recording import Attitudes, Interval, find_reference_rows
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 def reference_attitudes(batches: Sequence[BatchResult]) -> Attitudes:

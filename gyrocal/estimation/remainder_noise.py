@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.remainder_processes import (
     WITH_REMAINDER,
@@ -33,8 +33,6 @@ from gyrocal.calibration.remainder_processes import (
 from gyrocal.calibration.result import DEGREES, CalibrationResult
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-
-Array = NDArray[np.float64]
 
 LARGEST_BYTES = 200_000_000  # of a result of a calibration, with all its residuals
 

@@ -25,15 +25,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, WEEK_S, Clock
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 AEM_VERSIONS = ("1.0", "2.0")
 QUATERNION_KEYS = ("Q1", "Q2", "Q3", "QC")

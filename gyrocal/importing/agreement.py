@@ -26,16 +26,14 @@ from itertools import permutations, product
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing.alignment import LEAST_FACTOR, estimate_alignment
 from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
 from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, SECONDS_A_DAY, TIME_UNITS
 from gyrocal.recording import Recording
-
-Array = NDArray[np.float64]
 
 FITS = 0.1  # residual over motion of rates that are read rightly: errors of G and noise
 HOPELESS = 0.5

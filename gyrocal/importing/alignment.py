@@ -29,9 +29,8 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, integrate_rates, rotate_onto
-
-Array = NDArray[np.float64]
 
 MOST_CLOCK_ERROR = 0.03  # of a clock that is searched beside factors of ten and the ratio of both lengths
 MOST_GRID = 1 << 14  # points of the search

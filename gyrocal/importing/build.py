@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, describe_mean_rates, evaluate_agreement
 from gyrocal.importing.alignment import Alignment, estimate_alignment, refine
@@ -35,8 +36,6 @@ from gyrocal.masking import DataMask, find_mask
 from gyrocal.masking.mask import TABLE
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.rests import compare_rests, compute_speed, find_rests
-
-Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 

@@ -17,14 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.aem import Aem
 from gyrocal.importing.units import Clock
-
-Array = NDArray[np.float64]
 
 LAST_INERTIAL_FRAME = 21  # SPICE's inertial frames have the numbers 1 to 21
 # J2000 is 2000-01-01T12:00:00 TT; GPS time is TT − 51.184 s and counts from 1980-01-06, 7300.5 days before.

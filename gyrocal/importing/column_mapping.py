@@ -25,13 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import format_validation_error, read_toml
 from gyrocal.recording.checks import NORM_TOLERANCE
 from gyrocal.recording.header import IntervalHeader
-
-Array = NDArray[np.float64]
 
 ATTITUDE_DIRECTIONS = {
     "body-to-inertial": False,

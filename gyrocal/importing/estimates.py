@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal import attitude
 from gyrocal.allan.deviation import FEWEST_STRETCH_SAMPLES, overlapping_allan_deviation
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.propagation import Propagation, propagate
 from gyrocal.calibration.sampling import TAG_ROUNDING, Measurements, prepare_measurements
 from gyrocal.errors import InputError
@@ -22,9 +23,6 @@ from gyrocal.importing.reference_sigma import MAD_TO_SIGMA, ReferenceSigma, Turn
 from gyrocal.importing.streams import BodyAttitudes, Streams
 from gyrocal.importing.units import format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3

@@ -15,15 +15,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing import import_tables, validate_mapping
 from gyrocal.importing.build import ImportResult
 from gyrocal.importing.streams import read_csv
-
-Array = NDArray[np.float64]
 
 REFERENCE_FOLDERS = ("vicon0", "state_groundtruth_estimate0", "mocap0")
 RATES = tuple(f"w_RS_S_{axis}" for axis in "xyz")

@@ -19,11 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-
-Array = NDArray[np.float64]
 
 SMALLEST_SPREAD_RATIO = 1e-3  # of the axes' singular values: gyros nearer to one plane do not measure all three directions
 SMALLEST_FREEDOM = 1e-6  # f_i of a gyro that the others determine

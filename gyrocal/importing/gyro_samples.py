@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
@@ -20,8 +20,6 @@ from gyrocal.importing.gyro_join import JoinedGyros, join_gyros, measure_all_dir
 from gyrocal.importing.held_readings import find_held_readings
 from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
-
-Array = NDArray[np.float64]
 
 TAG_NAMES = ("seconds (time)", "rest (time)")  # of the tags of rows that are arranged by gyro
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)

@@ -12,12 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEWEST_REPEATS = 10  # readings of one value in a stretch that is looked at
 EMPTY_STEPS = 6.0  # steps of the numbers beside a held value that are empty

@@ -7,16 +7,13 @@ end at gaps of either side. Each begins at a reference of its own, so that resid
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping, Span
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.streams import BodyAttitudes
 from gyrocal.recording import GyroStream, Interval, find_reference_rows
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MOST_INTERVAL_TURN = np.deg2rad(720.0)  # of an interval, summed: one percent of G is then 7 deg
 INTERVAL_S = (30.0, 1800.0)

@@ -13,14 +13,11 @@ Measured attitudes carry noise, and they follow the gyro. Two observations contr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.rests import QUIET, compute_speed
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WINDOW_S = 0.5  # of the scatter of the rates, for the bias
 SAME = 1e-12  # of quaternion elements that are the same number after a conversion

@@ -11,13 +11,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.units import format_degrees
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 EXPLAINED = 0.5  # of e without the fault: RMS left
 AS_GOOD = 1.5  # times the least that is left

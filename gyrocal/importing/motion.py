@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from gyrocal.arrays import Array
 
 QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
 WINDOWS = 60  # at least so many in a recording, as far as there are attitudes

@@ -20,17 +20,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from gyrocal import attitude
+from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
 from gyrocal.importing.units import format_degrees
 from gyrocal.recording.parts import Attitudes, GyroStream
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 SAME_TIME = 0.5  # of a gyro sample, or without a gyro of the sensor's usual step: rows within it are of one time
 EXACT_S = 1e-9  # between rows that need not be brought to one time

@@ -29,10 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from gyrocal.arrays import Array, Mask
 
 MAD_TO_SIGMA = 1.4826
 # Relative 1-sigma of the robust variance of n turns in a row, times √n: a median absolute deviation has the efficiency 0.367

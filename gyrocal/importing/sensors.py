@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.estimates import estimate_reference_sigma, estimate_sensor_sigma
@@ -24,9 +24,6 @@ from gyrocal.importing.intervals import select_rows
 from gyrocal.importing.reference_join import JoinedReferences, SensorReferences, join_references
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FEWEST_ROWS = 10
 SAME_S = 1e-6

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, find_name, parse_spec
@@ -23,7 +24,6 @@ from gyrocal.recording.tables import read_csv_file
 if TYPE_CHECKING:
     from gyrocal.importing.reference_join import SensorReferences
 
-Array = NDArray[np.float64]
 
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
 

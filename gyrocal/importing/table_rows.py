@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import parse_spec
-
-Array = NDArray[np.float64]
 
 # By which tags go back where rows are exchanged or tagged late; farther back is another log or a stray tag.
 MOST_SWAPPED_ROWS = 4

@@ -23,10 +23,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from gyrocal.arrays import Array, Indices
 
 FEWEST_TAGS = 20  # below, a line is no better than the tags
 FEWEST_ANCHORS = 6

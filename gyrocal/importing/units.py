@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.mask_runs import find_mask_runs
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 DEGREE = float(np.deg2rad(1.0))
 ANGLE_UNITS = {"rad": 1.0, "deg": DEGREE, "arcsec": DEGREE / 3600}

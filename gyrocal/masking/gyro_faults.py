@@ -18,17 +18,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.innovations import Innovations
 from gyrocal.jit_cache import compile_cached
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking.mask import MaskedStretch
 from gyrocal.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 GAP_SAMPLES = 1.5  # without a sample
 SMALLEST_NOISE = 1e-12  # rad/s, of a gyro that shows none

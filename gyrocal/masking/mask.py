@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, find_reference_rows
 from gyrocal.recording.parts import TIME_TOLERANCE_S
@@ -21,8 +21,6 @@ from gyrocal.recording.parts import TIME_TOLERANCE_S
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TABLE = "masked"  # of a recording: what an import has left out
 COLUMNS = ("t_s", "to_s", "what", "axis", "size")

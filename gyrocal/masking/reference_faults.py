@@ -13,16 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.innovations import Innovations, compute_misses
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking.mask import MaskedStretch
 from gyrocal.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEWEST_REPEATS = 2  # repeats in a row; one may be a tag that was read twice
 FREEZE_TURN_SIGMAS = 8.0  # sigmas of an innovation that the body turns during them

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.arrays import Array as Array
-from simulator.arrays import Flags
+from gyrocal.arrays import Array as Array
+from gyrocal.arrays import Mask
 
 if TYPE_CHECKING:
     from simulator.sensors.suite import SensorSuite
@@ -138,7 +138,7 @@ class SampleView:
     sample_s: float  # length of a sample, s
     rates: Array  # (n, 3) raw rates as recorded, rad/s
     sigma: Array  # (3,) white noise of a sample, rad/s
-    inside: Flags  # (n,) bool, whether a sample lies inside an interval
+    inside: Mask  # (n,) bool, whether a sample lies inside an interval
     intervals: tuple[slice, ...]  # the samples of each interval
     # (n, 3) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
     motion: Array

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.effects.base import (
     AXIS_NAMES,
     Effect,

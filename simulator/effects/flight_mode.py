@@ -13,8 +13,8 @@ not matter. An interval whose `forward` is given is taken at its word; what its 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Mask
 from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
-from simulator.arrays import Flags
 from simulator.effects.base import Array
 
 SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
@@ -88,7 +88,7 @@ def _compute_velocity(rates: Array) -> Array:
     return np.column_stack([-rates[:, 1], rates[:, 0]])
 
 
-def _is_nadir_pointing(rates: Array) -> Flags:
+def _is_nadir_pointing(rates: Array) -> Mask:
     """Mark samples whose rate across z is that of the orbit."""
     return np.abs(np.linalg.norm(_compute_velocity(rates), axis=1) - 1) < NADIR_RATE_TOLERANCE
 

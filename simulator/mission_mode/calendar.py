@@ -11,7 +11,7 @@ is to be positive in the one and negative in the other. Its largest value is the
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 

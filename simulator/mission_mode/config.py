@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, build_mounted_sensors
 from simulator.mission_mode.onboard_attitude import compute_head_angle
 from simulator.mission_mode.wheels import EQUAL_ELEVATION

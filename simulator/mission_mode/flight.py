@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.mission_mode.calendar import compute_sun_angle, find_plane_crossings
 from simulator.mission_mode.config import DAY, Forward, MissionConfig, OnBoardTables, YawManeuver, build_uploads
 from simulator.mission_mode.loop import YEARLY, fly

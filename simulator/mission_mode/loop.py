@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, compute_dipole_field
 from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
 from simulator.mission_mode.rigid_body import compute_attitude_matrix, multiply, step_rigid_body

@@ -18,8 +18,8 @@ import math
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 
 DIPOLE = np.array([-1784e-9, 5306e-9, -29692e-9])  # d of IGRF 1995.0, T, Earth-fixed
 REFERENCE_RADIUS = 6371.2e3  # m

@@ -29,7 +29,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import EARTH_RADIUS

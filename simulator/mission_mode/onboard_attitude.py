@@ -21,8 +21,8 @@ from one update to the next. The sign of d turns, the drift has the wrong sense,
 
 import math
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 
 
 @compile_cached

@@ -18,8 +18,8 @@ The integral of the rate over the step, what a gyro shows, has the weights of th
 
 import math
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]

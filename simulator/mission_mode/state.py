@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array, Flags
 from simulator.mission_mode.config import Spacecraft
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
@@ -116,7 +116,7 @@ class State(NamedTuple):
     integral: Array  # (3,) rad s
     bias: Array  # (3,) on board, rad/s
     s_filter: Array  # (4,)
-    quadrants: Flags  # (4,)
+    quadrants: Mask  # (4,)
     horizon: Array  # (4,) error of the horizon in each quadrant, rad
     past: Array  # (n, 3) true errors of the n cycles before, a second's worth, the latest first, rad
     memory: Array  # (4,) Sun's height over the XY plane; time of the last update; 1 from a slew to the next update; cycles

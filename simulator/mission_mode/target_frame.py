@@ -22,8 +22,8 @@ import math
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.sensors.horizon import FLATTENING
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit
 

@@ -18,8 +18,8 @@ import math
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 
 WHEELS = 4
 EQUAL_ELEVATION = math.asin(1 / math.sqrt(3))  # rad; the pyramid alike in all directions

@@ -41,8 +41,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array, Flags
 from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, is_hidden
 from simulator.sensors.horizon import compute_penetration as compute_penetration
 from simulator.truth.orbit import EARTH_RADIUS
@@ -198,7 +198,7 @@ def measure(
     gain: float,
     constants: Constants,
     state: Array,
-    used: Flags,
+    used: Mask,
     angles: Array,
 ) -> None:
     """One sample of all four quadrants.
@@ -233,7 +233,7 @@ def measure(
 
 
 @compile_cached
-def compute_roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:
+def compute_roll_pitch(angles: Array, used: Mask) -> tuple[float, float]:
     """Roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of one sample of angles (4,) and flags (4,).
 
     NaN with fewer than three quadrants.
@@ -254,7 +254,7 @@ def compute_roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:
 
 def observe(
     rng: np.random.Generator, sensor: TrueEarthSensor, t: Array, A: Array, position: Array, sun: Array
-) -> tuple[Array, Flags]:
+) -> tuple[Array, Mask]:
     """Penetration angles of a series, the prediction of the Sun's intrusion made with the true attitude.
 
     Parameters
@@ -287,7 +287,7 @@ def _observe(
     position: Array,
     sun: Array,
     angles: Array,
-    used: Flags,
+    used: Mask,
 ) -> None:
     state, flags, noise = np.full(QUADRANTS, np.nan), np.ones(QUADRANTS, dtype=np.bool_), np.empty(NOISE_DRAWS)
     for k in range(len(gains)):

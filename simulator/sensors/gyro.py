@@ -9,8 +9,8 @@ is N/√Δt.
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.draws import add_normals, read_layers, state_words
 
 

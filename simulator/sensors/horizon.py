@@ -36,8 +36,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
 
 FLATTENING = 1 / 298.257223563  # WGS 84

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import TrueEarthSensor

@@ -32,8 +32,8 @@ from math import cos, sin, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Mask
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array, Flags
 
 Counts = NDArray[np.int64]
 
@@ -175,7 +175,7 @@ def compute_sensor_counts(
     return round(n_alpha), round(n_beta), True
 
 
-def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Flags]:
+def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Mask]:
     """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.is_eclipsed`).
 
     Parameters
@@ -217,7 +217,7 @@ def _observe(
     half_fov: float,
     noise: Array,
     counts: Counts,
-    visible: Flags,
+    visible: Mask,
 ) -> None:
     for k in range(len(A)):
         counts[k, 0], counts[k, 1], visible[k] = compute_sensor_counts(

@@ -26,8 +26,8 @@ from math import sqrt
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Array
 from simulator.truth.rotation import compute_cross
 
 Rate = Callable[[Array], Array]

@@ -29,8 +29,8 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import root
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-from simulator.arrays import Array
 from simulator.truth.integration import NODES, Trajectory, accumulate, compute_magnus_exponent, integrate
 from simulator.truth.nadir import compute_pointing_attitude, compute_pointing_rate
 from simulator.truth.orbit import CircularOrbit

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ and its rate follows from α' and β'. At 35° and 350 km it leans by up to 0.18
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
 from simulator.truth.rotation import build_turn_matrix, turned
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 MU = 3.986004418e14  # m³/s², WGS 84
 EARTH_RADIUS = 6378137.0  # m, equatorial, WGS 84

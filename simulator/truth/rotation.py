@@ -10,7 +10,7 @@ The recorded quaternion q has A(q) = ``Rotation.from_quat(q).as_matrix().T``: as
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 
 def turned(axis: Array, angle: Array, vectors: Array) -> Array:

@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from simulator.arrays import Array, Flags
+from gyrocal.arrays import Array, Mask
 from simulator.truth.orbit import EARTH_RADIUS
 
 J2000 = 2451545.0  # Julian date of 2000-01-01 12:00
@@ -46,7 +46,7 @@ def compute_sun_vector(julian_date: Array | float) -> Array:
     return np.stack([np.cos(longitude), np.cos(obliquity) * sine, np.sin(obliquity) * sine], axis=-1)
 
 
-def is_eclipsed(position: Array, sun: Array) -> Flags:
+def is_eclipsed(position: Array, sun: Array) -> Mask:
     """Flag positions (..., 3), m from the Earth's centre, in its cylindrical shadow; sun: unit vectors (..., 3) to the Sun."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.detectors.sample_report import Line, Stream
 from diagnosis.detectors.spectral_lines import FEWEST_CYCLES, find_lines
@@ -17,13 +16,11 @@ from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, compute_sinusoid_variance
+from gyrocal.arrays import Array, Mask
 from gyrocal.calibration.parameters import AXIS_NAMES
-from simulator.arrays import Array
 from simulator.streams import generator
 from studies.allan.rates import Stretch, find_stretches
 from studies.allan.repeated_samples import select_measured_samples
-
-Mask = NDArray[np.bool_]
 
 BOUND_CONFIDENCE = 0.95
 REFERENCE_ERROR_DRAWS = 32  # of the references' errors

@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples
 from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_samples
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
+from gyrocal.arrays import Array
 from gyrocal.attitude import cross_matrix
 from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Interval, find_reference_rows
-from simulator.arrays import Array
 
 MOTION_MARGIN_SAMPLES = 60  # samples beside a visible motion that are left out, since it may have begun gently
 GENTLE = (20, 40, 80, 160)  # samples whose means show that it has, where they are no rest yet

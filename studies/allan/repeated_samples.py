@@ -23,12 +23,10 @@ from diagnosis.detectors.sample_noise import DITHERED
 from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
+from gyrocal.arrays import Array, Mask
 from gyrocal.calibration.parameters import AXIS_NAMES
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking import mark_interval_samples
-from simulator.arrays import Array
-
-Mask = NDArray[np.bool_]
 
 WINDOW_VARIANCE = 30.0  # of the number of lost samples in a window
 MOST_REGULAR_VARIANCE = 2.0  # of the number of repeats in a window at a regular rate, with room for jitter of a sample

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal.arrays import Array
 from simulator import scenario as scenarios
-from simulator.arrays import Array
 from studies.calibration import summaries
 from studies.calibration.shared_truth import require_converged
 from studies.montecarlo import statistics

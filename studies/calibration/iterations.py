@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 from pydantic import field_validator
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.arrays import Array
 from studies.calibration.shared_truth import Different, NoiseFreeSimulation, build_once, make_noise_generators
 from studies.calibration.summaries import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed

@@ -25,13 +25,13 @@ import scipy.stats
 from pydantic import Field
 
 from gyrocal import NAMES, InputError
+from gyrocal.arrays import Array
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import compute_residual_covariance, integrate_white_noise
 from gyrocal.calibration.parameters import BIAS_NAMES, MISALIGNMENT_NAMES, SCALE_FACTORS
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.arrays import Array
 from simulator.scenario import override
 from studies.calibration.shared_truth import NoiseFreeSimulation, Rising, build_once, make_noise_generators
 from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, attitude
+from gyrocal.arrays import Array
 from gyrocal.recording import Recording
-from simulator.arrays import Array
 from simulator.scenario import Scenario
 from simulator.simulate import compute_noise_free_rates, observe, realise
 from simulator.truth.motion import Motion

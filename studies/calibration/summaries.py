@@ -7,7 +7,7 @@ import pandas as pd
 import scipy.special
 from numpy.typing import ArrayLike
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
 
 SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian

@@ -22,9 +22,9 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import NAMES
+from gyrocal.arrays import Array
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from simulator.arrays import Array
 from studies.calibration.shared_truth import NoiseFreeSimulation, Rising, build_once, compute_rms, make_noise_generators
 from studies.calibration.summaries import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.montecarlo import statistics

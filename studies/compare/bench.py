@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
-from simulator.arrays import Array
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator
 from simulator.truth.rotation import apply_rotation_errors, separation

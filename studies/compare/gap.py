@@ -41,7 +41,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 Z90 = 1.6448536269514722  # two-sided 90 %
 

@@ -24,20 +24,17 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import periodogram
 
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
-from simulator.arrays import Array
 from simulator.effects.recording_view import find_interval_slices, smooth_rates
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
-
-Indices = NDArray[np.intp]
 
 AXES = "xyz"
 CALIBRATION_ITERATIONS = 3

@@ -22,8 +22,8 @@ import numpy as np
 import pandas as pd
 from scipy import special, stats
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError, suggest_names
-from simulator.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
 from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
 

@@ -30,8 +30,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from scipy.special import ndtr, ndtri
 
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError, suggest_names
-from simulator.arrays import Array
 from simulator.scenario import Scenario, override
 from simulator.streams import generator
 

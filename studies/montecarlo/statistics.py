@@ -10,7 +10,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import ArrayLike
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import GyroParameters
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.scenario import Scenario
 
 FLIGHT_STEPS_S = (0.5, 1.0, 2.0)

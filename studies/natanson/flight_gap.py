@@ -31,9 +31,9 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import GyroParameters, Recording, attitude, propagate
+from gyrocal.arrays import Array
 from gyrocal.calibration.normal_equations import compute_attitude_residuals
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.arrays import Array
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.natanson import flight

@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import NAMES, Attitudes, CalibrationResult, GyroParameters, Recording, attitude, calibrate
+from gyrocal.arrays import Array
 from gyrocal.calibration.gyro_space import Parametrisation
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.arrays import Array
 from simulator.scenario import Scenario
 from studies.natanson import flight, flight_gap
 from studies.natanson.paper_forms import count_digit_changes

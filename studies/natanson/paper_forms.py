@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from studies.natanson import flight
 from studies.report.tables import NO_VALUE
 

@@ -15,12 +15,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import NAMES, GyroParameters
+from gyrocal.arrays import Array
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.increment_packing import compute_packed_shape
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from simulator.arrays import Array
 from studies.calibration import summaries
 from studies.calibration.shared_truth import (
     NoiseFreeSimulation,

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from studies.montecarlo.study import DISPERSED, RESERVED
 from studies.report.tables import Table
 

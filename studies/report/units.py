@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import NAMES
-from simulator.arrays import Array
 
 # What turns G (dimensionless) and b (rad/s) into these units, (12,).
 PPM_DEG_H: Array = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)

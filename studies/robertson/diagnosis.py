@@ -24,7 +24,7 @@ from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.inference.closure import compute_closure
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, read_first_amplitude
 from diagnosis.settings import DEFAULT
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations
 from studies.robertson.calendar import PERIODS
 from studies.robertson.ground import DEG_H_PER_RAD_S

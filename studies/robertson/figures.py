@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import build_flight_schedule
 from simulator.mission_mode.mounting import compute_sun_path

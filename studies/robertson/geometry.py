@@ -17,8 +17,8 @@ other way round.
 import numpy as np
 import pandas as pd
 
+from gyrocal.arrays import Array
 from gyrocal.sensors.head_compensation import HEAD_ANGLES, PUBLISHED_COMPENSATION
-from simulator.arrays import Array
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, build_uploads, fit_crossing_compensation
 from simulator.mission_mode.mounting import ELEVATION, PATH_STEP, compute_sun_path

@@ -29,6 +29,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from gyrocal.arrays import Array
 from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.estimation.alignment import AlignmentResult, align_together
 from gyrocal.estimation.arc import build_gyro_arc
@@ -37,7 +38,6 @@ from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import SunSensor
-from simulator.arrays import Array
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables
 from simulator.mission_mode.flight import simulate_mission

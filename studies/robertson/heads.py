@@ -36,8 +36,8 @@ from diagnosis.model.sensors.columns import HeldAmplitudes
 from diagnosis.model.sensors.tables import build_sensor_model, build_tables
 from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables, list_solved_for, relinearise_tables
 from diagnosis.settings import DEFAULT
+from gyrocal.arrays import Array
 from gyrocal.recording import Recording
-from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS, parse
 from simulator.scenario import Scenario

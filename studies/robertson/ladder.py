@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
 from simulator.mission_mode.effects import apply_mission_settings, parse
 from simulator.mission_mode.flight import simulate_mission

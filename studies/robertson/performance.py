@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule
 from studies.robertson import published_tables

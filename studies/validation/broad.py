@@ -16,14 +16,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
+from gyrocal.arrays import Array, Mask
 from gyrocal.importing.alignment import refine
 from gyrocal.importing.estimates import ALLAN_S, compute_turns, count_walk_degrees, estimate_walk_at_rest
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.reference_sigma import ReferenceSigma, fit_reference_sigma
 from gyrocal.mask_runs import find_mask_runs
-from simulator.arrays import Array
-
-Mask = NDArray[np.bool_]
 
 IMU_RATE_COLUMNS = ("imu_gyr_x", "imu_gyr_y", "imu_gyr_z")
 FORCE_COLUMNS = ("imu_acc_x", "imu_acc_y", "imu_acc_z")

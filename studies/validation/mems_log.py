@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 
 MEMS_SAMPLE_S = 0.01
 SAMPLES_PER_ATTITUDE = 10  # gyro samples between attitudes

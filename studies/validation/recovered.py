@@ -19,9 +19,9 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import NAMES, GyroParameters, Recording, RecursiveCalibrator, attitude, calibrate, save
+from gyrocal.arrays import Array
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.arrays import Array
 from simulator.simulate import observe
 from studies.baseline import calibrate_to_json
 from studies.calibration.shared_truth import NoiseFreeSimulation, get_true_parameters, make_noise_generators

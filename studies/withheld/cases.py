@@ -31,9 +31,9 @@ from diagnosis.inference.conformal import MISSING, UNKNOWN, compute_scores, name
 from diagnosis.model.prepare import prepare
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.arrays import Array
 from simulator.effects import EFFECTS, Effect, Setting, Surroundings, setting
 from simulator.effects.base import Value
 from simulator.effects.chain import ActiveEffect, simulate_readings, simulate_references

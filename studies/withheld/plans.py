@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gyrocal.arrays import Array
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
-from simulator.arrays import Array
 from simulator.effects.housekeeping_columns import simulate_gyro_temperature
 from simulator.sensors.gyro import compute_raw_rates
 from simulator.truth.integration import integrate

@@ -16,8 +16,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from diagnosis.settings import DEFAULT
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-from simulator.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report

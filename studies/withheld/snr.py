@@ -17,16 +17,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyrocal.arrays import Array, Indices
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower
-from simulator.arrays import Array
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import apply_rotation_errors, convert_to_matrix, separation
 from studies.withheld.plans import Plan
-
-Indices = NDArray[np.intp]
 
 RANK_TOLERANCE = 1e-10  # of the largest singular value
 CELL = 16  # numbers whose level is compared together

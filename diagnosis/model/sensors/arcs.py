@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import Array, Indices
+from gyrocal.arrays import Array, Indices
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import Estimate, GyroArc, build_gyro_arc, choose_columns, linearise, list_measured_times
 from gyrocal.estimation.batch import check_observable, correct_estimate

@@ -21,10 +21,10 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.model.candidates import build_group
 from diagnosis.model.linear import CandidateColumns, build_rival
 from diagnosis.model.sensors.arcs import FittedArc
+from gyrocal.arrays import Array
 from simulator.effects.base import Value
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon

@@ -13,8 +13,8 @@ from operator import itemgetter
 
 import numpy as np
 
-from diagnosis.arrays import Array
 from diagnosis.model.sensors.arcs import build_arc, fit_arc, is_steady
+from gyrocal.arrays import Array
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Interval, Recording
 from gyrocal.recording.sensor_tables import SensorTables, SunCounts

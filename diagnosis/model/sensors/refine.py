@@ -16,9 +16,9 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
-from diagnosis.arrays import Array
 from diagnosis.model.sensors.arcs import FittedArc
 from diagnosis.model.sensors.columns import HeldAmplitudes, build_held_columns, find_sensor_effect
+from gyrocal.arrays import Array
 from simulator.effects.base import Value
 
 Places = Sequence[tuple[str, str]]  # label and name of each parameter

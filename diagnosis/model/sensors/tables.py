@@ -16,12 +16,13 @@ import numpy as np
 import scipy.linalg
 from scipy.special import chdtrc
 
-from diagnosis.arrays import LEAST_POSITIVE, Array, Indices
+from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.model.candidates import place_candidates
 from diagnosis.model.linear import CandidateColumns, Fold, LinearModel, build_rival
 from diagnosis.model.sensors.arcs import FittedArc
 from diagnosis.model.sensors.columns import HeldAmplitudes, build_groups
 from diagnosis.settings import DiagnosisSettings
+from gyrocal.arrays import Array, Indices
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
 FOLDS = 6  # of the arcs

@@ -19,8 +19,8 @@ gyro_stop
 
 import numpy as np
 
+from gyrocal.arrays import Mask
 from gyrocal.errors import InputError
-from simulator.arrays import Flags
 from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
 from simulator.effects.common import DEG, PHASE, index, number, select_axes
 
@@ -66,7 +66,7 @@ class _GyroStop(Effect):
         return out
 
 
-def _draw_stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> Flags:
+def _draw_stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> Mask:
     """Which samples repeat the one before, (count,)."""
     onset = fraction / ((1 - fraction) * mean_run)
     if onset > 1:

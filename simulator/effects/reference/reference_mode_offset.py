@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.arrays import Flags
+from gyrocal.arrays import Mask
 from simulator.effects.base import Array, Effect, Parameter, Parameters, References, Surroundings, Trial, Value
 from simulator.effects.common import DEG, put_on_axis
 
@@ -45,7 +45,7 @@ class _ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
-def _find_affected(references: References, parameters: Parameters) -> Flags:
+def _find_affected(references: References, parameters: Parameters) -> Mask:
     """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
     if references.heading is None:
         out = references.forward == BACKWARD

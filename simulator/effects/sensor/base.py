@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.arrays import Array, Flags
+from gyrocal.arrays import Array, Mask
 from simulator.effects.base import Effect, Parameter, Parameters, Surroundings, Trial
 from simulator.effects.common import DEG as DEG
 from simulator.effects.common import DirectedEffect
@@ -35,7 +35,7 @@ class Sightings:
     A: Array  # (m, 3, 3) attitudes then
     position: Array  # (m, 3) from the Earth's centre, inertial, m
     sun: Array  # (m, 3) unit vectors, inertial
-    used: Flags  # (m, 4) quadrants used
+    used: Mask  # (m, 4) quadrants used
 
     @property
     def nothing(self) -> tuple[Array, Array]:

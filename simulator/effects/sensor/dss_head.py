@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
 from simulator.effects.sensor.base import DEG, Sightings, VectorEffect
 from simulator.sensors.suite import SensorSuite

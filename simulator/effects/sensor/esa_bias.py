@@ -7,7 +7,7 @@ alone. The default direction is R's, in the order printed there (`gyrocal.sensor
 
 from dataclasses import replace
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect
 from simulator.sensors.suite import SensorSuite

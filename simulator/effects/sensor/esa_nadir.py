@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.effects.base import Parameters, Setting
 from simulator.effects.sensor.base import EARTH_SENSOR, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon

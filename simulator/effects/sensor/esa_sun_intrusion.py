@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
 from simulator.effects.common import recursion
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings

@@ -30,7 +30,7 @@ from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, SelectedCandidate
 from diagnosis.settings import DEFAULT
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from studies.natanson.flight_diagnosis.table import (
     RESIDUAL_PLACES,
     Baseline,

@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtrc, logsumexp
 
+from gyrocal.arrays import Array
 from simulator import scenario as scenarios
-from simulator.arrays import Array
 from simulator.scenario import IntervalSection, Scenario
 from studies.natanson import flight, flight_gap
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.arrays import Array
+from gyrocal.arrays import Array
 from simulator.scenario import IntervalSection
 from studies.natanson.flight_gap import HOLD, MINUS_Y, YAW_INTERVALS
 
