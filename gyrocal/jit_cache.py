@@ -79,11 +79,11 @@ def hash_sources(package: str) -> str:
 
 def _list_sources(package: str) -> Iterator[Path]:
     """The files of a package, or the one of a module, in a fixed order."""
-    found = importlib.util.find_spec(package)
-    for place in (found.submodule_search_locations if found else None) or ():
+    spec = importlib.util.find_spec(package)
+    for place in (spec.submodule_search_locations if spec else None) or ():
         yield from sorted(Path(place).rglob("*.py"))
-    if found and not found.submodule_search_locations and found.origin:
-        yield Path(found.origin)
+    if spec and not spec.submodule_search_locations and spec.origin:
+        yield Path(spec.origin)
 
 
 @cache
@@ -103,9 +103,9 @@ def find_cache_folder(package: str) -> tuple[Path, str] | None:
             tempfile.TemporaryFile(dir=chosen).close()
         except OSError:
             continue
-        for other in parent.glob(f"{CACHE_FOLDER_PREFIX}{package}-*"):
-            if other != chosen:
-                shutil.rmtree(other, ignore_errors=True)
+        for outdated in parent.glob(f"{CACHE_FOLDER_PREFIX}{package}-*"):
+            if outdated != chosen:
+                shutil.rmtree(outdated, ignore_errors=True)
         return chosen, digest
     return None
 
@@ -123,32 +123,32 @@ def announce_compilation(package: str) -> None:
 
 def _list_parents(package: str) -> Iterator[Path]:
     """List folders for the cache, best first: the one numba is given, one beside the sources, one of this user."""
-    found = importlib.util.find_spec(package)
-    beside = Path((found and found.origin) or package).resolve().parent / "__pycache__"
-    told = getattr(numba.config, "CACHE_DIR", "")
-    if told:
-        yield Path(told) / _hash_place(beside)
-    yield beside
-    yield Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "gyrocal" / _hash_place(beside)
+    spec = importlib.util.find_spec(package)
+    pycache = Path((spec and spec.origin) or package).resolve().parent / "__pycache__"
+    configured = getattr(numba.config, "CACHE_DIR", "")
+    if configured:
+        yield Path(configured) / _hash_place(pycache)
+    yield pycache
+    yield Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "gyrocal" / _hash_place(pycache)
     if hasattr(os, "getuid"):
         temporary = Path(tempfile.gettempdir()) / f"gyrocal-{os.getuid()}"
         if _make_private_folder(temporary):
-            yield temporary / _hash_place(beside)
+            yield temporary / _hash_place(pycache)
 
 
-def _hash_place(beside: Path) -> str:
+def _hash_place(folder: Path) -> str:
     """A name for the sources' place, so that two checkouts do not remove one another's code."""
-    return hashlib.sha256(os.fsencode(beside)).hexdigest()[:16]
+    return hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
 
 
 def _make_private_folder(path: Path) -> bool:
     """Make a folder for this user alone, and say whether it is one: in a folder of all, another may have made it."""
     try:
         path.mkdir(mode=0o700, exist_ok=True)
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
 
 
 class _Store(NullCache):
@@ -162,8 +162,8 @@ class _Store(NullCache):
     @property
     def cache_path(self) -> str | None:
         """The folder, as text."""
-        found = find_cache_folder(self.package)
-        return str(found[0]) if found else None
+        folder = find_cache_folder(self.package)
+        return str(folder[0]) if folder else None
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """The compiled code for a signature; None if there is none, or none that is whole."""
@@ -176,8 +176,8 @@ class _Store(NullCache):
             data = path.read_bytes() if path else b""
             if hashlib.sha256(data[DIGEST:]).digest() != data[:DIGEST]:
                 return None
-            found, payload = pickle.loads(data[DIGEST:])
-            return CompileResult._rebuild(target, *payload) if found == key else None
+            stored_key, payload = pickle.loads(data[DIGEST:])
+            return CompileResult._rebuild(target, *payload) if stored_key == key else None
         except Exception:  # whatever is wrong with it, it can be compiled again
             return None
 
@@ -202,19 +202,19 @@ class _Store(NullCache):
         code, closure = self.function.__code__, self.function.__closure__ or ()
         names = (self.function.__module__, self.function.__qualname__, str(code.co_firstlineno))
         settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
-        own = hashlib.sha256(code.co_code + dumps(tuple(cell.cell_contents for cell in closure))).hexdigest()
-        return (*names, str(signature), repr(codegen.magic_tuple()), repr(settings), own)
+        code_digest = hashlib.sha256(code.co_code + dumps(tuple(cell.cell_contents for cell in closure))).hexdigest()
+        return (*names, str(signature), repr(codegen.magic_tuple()), repr(settings), code_digest)
 
     def _find_path(self, key: tuple[str, ...]) -> Path | None:
-        found = find_cache_folder(self.package)
-        if found is None or " at 0x" in repr(key):  # a function is told by its address, which another one can have next time
+        folder = find_cache_folder(self.package)
+        if folder is None or " at 0x" in repr(key):  # a function is told by its address, which another one can have next time
             return None
         name = f"{self.function.__module__}.{self.function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
-        return found[0] / name
+        return folder[0] / name
 
     def _is_current(self) -> bool:
-        found = find_cache_folder(self.package)
+        folder = find_cache_folder(self.package)
         try:
-            return found is not None and hash_sources(self.package) == found[1]
+            return folder is not None and hash_sources(self.package) == folder[1]
         except (OSError, ImportError, ValueError):
             return False

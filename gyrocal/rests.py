@@ -60,14 +60,14 @@ def compare_rests(t_s: Array, rates: Array, rests: list[tuple[int, int]]) -> tup
     floor = np.where(np.isfinite(rounding), np.square(rounding), 1.0) / 12
     change = bias[:, None] - bias
     sigmas = np.abs(change) / np.sqrt(density * (1 / length[:, None] + 1 / length) + floor)
-    one, other, axis = (int(k) for k in np.unravel_index(np.argmax(sigmas), sigmas.shape))
-    if sigmas[one, other, axis] < REST_SIGMAS:
+    earlier, later, axis = (int(k) for k in np.unravel_index(np.argmax(sigmas), sigmas.shape))
+    if sigmas[earlier, later, axis] < REST_SIGMAS:
         return "", np.zeros(3)
-    one, other = sorted((one, other))
-    values = [f"{np.rad2deg(bias[k, axis]):.4g} deg/s in that at {t_s[rests[k][0]]:.6g} s" for k in (one, other)]
-    apart = f"{sigmas[one, other, axis]:.2g} sigmas apart"
+    earlier, later = sorted((earlier, later))
+    values = [f"{np.rad2deg(bias[k, axis]):.4g} deg/s in that at {t_s[rests[k][0]]:.6g} s" for k in (earlier, later)]
+    apart = f"{sigmas[earlier, later, axis]:.2g} sigmas apart"
     text = f"bias differs between rests: b_{'xyz'[axis]} is {values[0]} and {values[1]}, {apart}"
-    return text, np.asarray(change[one, other])
+    return text, np.asarray(change[earlier, later])
 
 
 def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
@@ -82,5 +82,5 @@ def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
     rows = np.flatnonzero(later > np.arange(later.size))
     turned = Rotation.from_quat(q)
     elapsed = t_ref[later[rows]] - t_ref[rows]
-    found = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
-    return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, found)
+    speed = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
+    return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, speed)

@@ -15,13 +15,13 @@ def compute_lower_root(S: Array) -> Array:
     L = np.zeros((3, 3))
     for i in range(3):
         for j in range(i + 1):
-            left = S[i, j]
+            remaining = S[i, j]
             for a in range(j):
-                left -= L[i, a] * L[j, a]
+                remaining -= L[i, a] * L[j, a]
             if i > j:
-                L[i, j] = left / L[j, j]
-            elif left > 0.0:
-                L[i, i] = np.sqrt(left)
+                L[i, j] = remaining / L[j, j]
+            elif remaining > 0.0:
+                L[i, i] = np.sqrt(remaining)
             else:
                 raise np.linalg.LinAlgError("a covariance is not positive definite")
     return L

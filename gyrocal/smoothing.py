@@ -162,10 +162,10 @@ def _filter_window(rates: Array, window: int) -> Array:
     out = convolve1d(rates, _compute_coefficients(window), mode="constant")
     powers, scale = _compute_powers(window)
     half = window // 2
-    for part, own in ((slice(0, window), slice(0, half)), (slice(rates.size - window, None), slice(window - half, window))):
+    for part, target in ((slice(0, window), slice(0, half)), (slice(rates.size - window, None), slice(window - half, window))):
         c = lstsq(powers, rates[part], cond=window * np.finfo(float).eps)[0] / scale
-        at = np.arange(own.start, own.stop, dtype=float)
-        out[part][own] = ((0.0 * at + c[0]) * at + c[1]) * at + c[2]
+        at = np.arange(target.start, target.stop, dtype=float)
+        out[part][target] = ((0.0 * at + c[0]) * at + c[1]) * at + c[2]
     return np.asarray(out)
 
 

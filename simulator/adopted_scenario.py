@@ -94,16 +94,16 @@ class AdoptedScenario:
     @property
     def amplitudes(self) -> Array:
         """(k,) as stated, effect after effect."""
-        return np.concatenate([np.empty(0), *(REGISTRY[one.effect].amplitudes(one) for one in self.effects)])
+        return np.concatenate([np.empty(0), *(REGISTRY[effect.effect].amplitudes(effect) for effect in self.effects)])
 
     def replace_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
         """The effects with other amplitudes (k,); an `InputError` where a size is out of its effect's bounds."""
         out, start = [], 0
-        for one in self.effects:
-            effect = REGISTRY[one.effect]
-            count = effect.amplitudes(one).size
+        for current in self.effects:
+            effect = REGISTRY[current.effect]
+            count = effect.amplitudes(current).size
             size, held = effect.from_amplitudes(amplitudes[start : start + count])
-            out.append(setting(one.effect, one.axis, size, {**one.parameters, **held}))
+            out.append(setting(current.effect, current.axis, size, {**current.parameters, **held}))
             start += count
         return tuple(out)
 
@@ -178,7 +178,7 @@ def load(name_or_path: str | os.PathLike[str]) -> AdoptedScenario:
         if values:
             raise InputError(f"{name}: {', '.join(values)}: a replay takes its plan from the recording; leave it out")
         plan = _load_replay(extra.replay, Path(name).parent, name)
-    effects = tuple(_build_setting(one, name) for one in extra.effect)
+    effects = tuple(_build_setting(entry, name) for entry in extra.effect)
     made = AdoptedScenario(title, plan, effects)
     return replace(made, covariance=_read_covariance(extra.posterior, made.amplitudes.size, name))
 
@@ -190,16 +190,16 @@ def format_adopted(
     lines = [f"title = {format_toml(title)}", "", "[replay]"]
     plan = {"recording": recording, "sha256": digest, "true_G": G.tolist(), "true_bias_deg_s": np.rad2deg(bias).tolist()}
     lines += [f"{key} = {format_toml(value)}" for key, value in plan.items()]
-    for one in effects:
-        lines += ["", "[[effect]]", f"name = {format_toml(one.effect)}"]
-        if one.axis is not None:
-            lines.append(f"axis = {format_toml(one.axis)}")
-        lines.append(f"size = {format_toml(one.size)}  # {REGISTRY[one.effect].unit}")
-        if one.parameters:
-            inside = ", ".join(f"{key} = {format_toml(value)}" for key, value in one.parameters.items())
+    for setting_of_effect in effects:
+        lines += ["", "[[effect]]", f"name = {format_toml(setting_of_effect.effect)}"]
+        if setting_of_effect.axis is not None:
+            lines.append(f"axis = {format_toml(setting_of_effect.axis)}")
+        lines.append(f"size = {format_toml(setting_of_effect.size)}  # {REGISTRY[setting_of_effect.effect].unit}")
+        if setting_of_effect.parameters:
+            inside = ", ".join(f"{key} = {format_toml(value)}" for key, value in setting_of_effect.parameters.items())
             lines.append(f"parameters = {{ {inside} }}")
     if effects:
-        names = [one.label() for one in effects for _ in REGISTRY[one.effect].amplitudes(one)]
+        names = [effect.label() for effect in effects for _ in REGISTRY[effect.effect].amplitudes(effect)]
         lines += ["", "[posterior]", f"# of the amplitudes of {', '.join(names)}"]
         lines.append(f"covariance = {format_toml(covariance.tolist())}")
     return "\n".join([*lines, ""])

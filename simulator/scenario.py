@@ -303,10 +303,10 @@ def load(name_or_path: str | os.PathLike[str]) -> Scenario:
         There is no such scenario, one line with every fault of it by its path in the document, or it holds effects.
     """
     name, values = os.fspath(name_or_path), load_document(name_or_path)
-    beside = [key for key in ADOPTED_TABLES if key in values]
-    if beside:
+    adopted_keys = [key for key in ADOPTED_TABLES if key in values]
+    if adopted_keys:
         raise InputError(
-            f"{name}: holds [{beside[0]}], which 'gyrocal simulate' and 'gyrocal compare' fly; a plan alone is wanted here"
+            f"{name}: holds [{adopted_keys[0]}], which 'gyrocal simulate' and 'gyrocal compare' fly: only a plan fits here"
         )
     return validate_scenario(values, name)
 

@@ -255,7 +255,7 @@ def _add_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Settin
 
     def find_lacking(recording: Recording) -> set[str]:
         around = build_surroundings(recording, motion)
-        return {one.effect for one in effects if REGISTRY[one.effect].missing(around) is not None}
+        return {effect.effect for effect in effects if REGISTRY[effect.effect].missing(around) is not None}
 
     recording = plain
     for add in (add_gyro_temperature, add_acceleration):

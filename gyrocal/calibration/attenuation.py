@@ -48,7 +48,7 @@ def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) 
         forward[k] -= S[k] @ np.linalg.solve(forward[k - 1], S[k])
         backward[-1 - k] -= S[-1 - k] @ np.linalg.solve(backward[-k], S[-1 - k])
     M = np.linalg.inv(forward + backward - T)
-    ends = [np.einsum("aij,ajk,alk->ail", one, M, one) for one in (A[:-1], A[1:])]
+    ends = [np.einsum("aij,ajk,alk->ail", attitudes, M, attitudes) for attitudes in (A[:-1], A[1:])]
     return np.asarray(np.einsum("a,aij->ij", 0.5 * dt, ends[0] + ends[1]))
 
 
@@ -61,8 +61,8 @@ def estimate_attenuation(problem: Problem, G: Array, P: Array) -> Array:
     made = problem.measurements
     arw = problem.arw * float(np.sqrt(made.noise_gain))
     total = np.zeros((3, 3))
-    for one in np.unique(made.arcs.arc):
-        own = np.flatnonzero(made.arcs.arc == one)
-        rows = np.append(made.start[own[0]], made.row[own])
-        total += integrate_information(problem.A[rows], problem.noise[rows], made.elapsed_s[own], arw)
+    for arc in np.unique(made.arcs.arc):
+        members = np.flatnonzero(made.arcs.arc == arc)
+        rows = np.append(made.start[members[0]], made.row[members])
+        total += integrate_information(problem.A[rows], problem.noise[rows], made.elapsed_s[members], arw)
     return np.asarray(-P @ np.append((arw**2 * total @ G).ravel(), np.zeros(3)))

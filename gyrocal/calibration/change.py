@@ -55,9 +55,9 @@ def compute_change(
     An `InputError` if a parameter is solved for in one of them and held in the other.
     """
     solved = np.diag(saved_covariance) > 0
-    other = solved != (np.diag(new_covariance) > 0)
-    if other.any():
-        names = ", ".join(name for name, differs in zip(NAMES, other, strict=True) if differs)
+    is_changed = solved != (np.diag(new_covariance) > 0)
+    if is_changed.any():
+        names = ", ".join(name for name, differs in zip(NAMES, is_changed, strict=True) if differs)
         raise InputError(f"solved for in only one of the saved and this calibration: {names}; use the same --solve-for")
     difference = new.vector - saved.vector
     covariance = saved_covariance if is_same_recording else saved_covariance + new_covariance

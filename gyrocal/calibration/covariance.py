@@ -60,7 +60,7 @@ def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[In
     lasts = np.append(firsts[1:], len(row)) - 1
     chains = chain_intervals(start[firsts], row[lasts])
     members = [np.flatnonzero(np.isin(interval, numbers[chain])) for chain in chains]
-    return np.concatenate(members), np.cumsum([len(own) for own in members])
+    return np.concatenate(members), np.cumsum([len(member) for member in members])
 
 
 def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:

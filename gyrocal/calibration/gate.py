@@ -58,7 +58,7 @@ def build_refusal(
     rates = gyro.rates @ G.T
     rests = find_rests(rates, gyro.sample_s, compute_speed(references.t_s, references.quaternions, gyro.t_s))
     text, change = compare_rests(gyro.t_s, rates, rests)
-    start_s = next(one.start_s for one in recording.intervals if one.name == interval)
+    start_s = next(candidate.start_s for candidate in recording.intervals if candidate.name == interval)
     if text and np.linalg.norm(change) * (t_s - start_s) > CHANGE_SHARE * error.angle:
         return _build_error(error.angle, error.output, where, f"the {text}; use intervals within which it is constant")
     refusal = _build_error(error.angle, error.output, where)

@@ -59,15 +59,15 @@ def convert_from_gyro_space(y: Array) -> GyroParameters:
     U = y[:9].reshape(3, 3).copy()
     scale = np.diag(U).copy()
     np.fill_diagonal(U, 0.0)
-    own = np.sqrt(np.maximum(1.0 - np.sum(U**2, axis=1), 0.0))
-    _check_own(own)
-    np.fill_diagonal(U, own)
+    diagonal = np.sqrt(np.maximum(1.0 - np.sum(U**2, axis=1), 0.0))
+    _check_own(diagonal)
+    np.fill_diagonal(U, diagonal)
     G = np.asarray(np.linalg.inv(scale[:, None] * U), dtype=np.float64)
     return GyroParameters(G, np.asarray(-G @ y[9:]))
 
 
-def _check_own(own: Array) -> None:
-    far = [AXIS_NAMES[i] for i in range(3) if not own[i] >= SMALLEST_OWN]
+def _check_own(diagonal: Array) -> None:
+    far = [AXIS_NAMES[i] for i in range(3) if not diagonal[i] >= SMALLEST_OWN]
     if far:
         raise InputError(
             f"the axis of gyro {', '.join(far)} is more than 84 deg from its body axis, which gyro space cannot describe; "

@@ -70,17 +70,19 @@ def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _large
         def locate(address: Any, doubles: int, kind: Any = vector) -> Any:
             return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
 
-        def permute(one: Any, other: Any, order: list[int]) -> Any:
-            return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), LANE_WIDTH), order))
+        def permute(first: Any, second: Any, order: list[int]) -> Any:
+            return builder.shuffle_vector(first, second, ir.Constant(ir.VectorType(ir.IntType(32), LANE_WIDTH), order))
 
         def transpose(lanes: Any, doubles: int) -> list[Any]:
             """Eight doubles of each of eight lanes, as the eight lanes of each of eight doubles."""
             rows = [builder.load(locate(lane, doubles), align=DOUBLE) for lane in lanes]
             for half in (1, 2, 4):  # swap the off-diagonal blocks of that size
                 for i in (i for i in range(LANE_WIDTH) if not i & half):
-                    one, other = rows[i], rows[i + half]
-                    rows[i] = permute(one, other, [j + LANE_WIDTH - half if j & half else j for j in range(LANE_WIDTH)])
-                    rows[i + half] = permute(one, other, [j + LANE_WIDTH if j & half else j + half for j in range(LANE_WIDTH)])
+                    upper, lower = rows[i], rows[i + half]
+                    rows[i] = permute(upper, lower, [j + LANE_WIDTH - half if j & half else j for j in range(LANE_WIDTH)])
+                    rows[i + half] = permute(
+                        upper, lower, [j + LANE_WIDTH if j & half else j + half for j in range(LANE_WIDTH)]
+                    )
             return rows
 
         of_rates, of_dt = ([builder.load(locate(table, lane, number)) for lane in range(LANE_WIDTH)] for table in (rates, dt))

@@ -107,13 +107,13 @@ def whiten_groups(
         if chained[group]:
             whiten_chain(rows, values, R, references, walk, out[3 * low : 3 * high], variance)
         else:
-            own = np.empty((3 * len(rows), values.shape[1]))
-            for k in range(len(own)):
+            group_values = np.empty((3 * len(rows), values.shape[1]))
+            for k in range(len(group_values)):
                 for c in range(values.shape[1]):
-                    own[k, c] = values[3 * rows[k // 3] + k % 3, c]
+                    group_values[k, c] = values[3 * rows[k // 3] + k % 3, c]
             V = model_covariance(R[rows], interval[rows], start[rows], row[rows], noise, walk[rows], model, given)
-            out[3 * low : 3 * high] = whiten(V, own)
-            for k in range(len(own)):
+            out[3 * low : 3 * high] = whiten(V, group_values)
+            for k in range(len(group_values)):
                 variance[rows[k // 3], k % 3] = V[k, k]
         low = high
     return out, variance

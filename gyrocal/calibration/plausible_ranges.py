@@ -123,7 +123,7 @@ def estimate_plausible_ranges(
     chosen = PlausibleRanges(grade, G, bias, f"{grade} grade, from {reason}", rest)
     if plausible_G is None and plausible_bias is None:
         return chosen
-    G, bias = (own if given is None else given for given, own in ((plausible_G, G), (plausible_bias, bias)))
+    G, bias = (estimated if given is None else given for given, estimated in ((plausible_G, G), (plausible_bias, bias)))
     stated = " and ".join(
         name for name, given in (("plausible_G", plausible_G), ("plausible_bias", plausible_bias)) if given is not None
     )

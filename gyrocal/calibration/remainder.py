@@ -98,13 +98,13 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
     p_value = compute_p_value(sizes.log_likelihood_gain, effective + 1) if dof > 0 else 1.0
     if p_value >= SIGNIFICANT:
         return Remainder((), 1.0, sizes.log_likelihood_gain, p_value, nominal)
-    found = tuple(replace(one, variance=float(v)) for one, v in zip(processes, sizes.variances, strict=True) if v > 0)
+    sized = tuple(replace(process, variance=float(v)) for process, v in zip(processes, sizes.variances, strict=True) if v > 0)
     white = state.H @ scaled
-    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, found, _undo_whitening(problem, paths.R, white))
-    own = np.zeros((12, 12))
-    own[np.ix_(columns, columns)] = extra
-    covariance = nominal + J @ own @ J.T
-    return Remainder(found, sizes.noise, sizes.log_likelihood_gain, p_value, np.asarray(0.5 * (covariance + covariance.T)))
+    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, sized, _undo_whitening(problem, paths.R, white))
+    added = np.zeros((12, 12))
+    added[np.ix_(columns, columns)] = extra
+    covariance = nominal + J @ added @ J.T
+    return Remainder(sized, sizes.noise, sizes.log_likelihood_gain, p_value, np.asarray(0.5 * (covariance + covariance.T)))
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,8 @@ class Paths:
         at_start = np.einsum("aji,ajp->aip", self.R, K)
         if process.kind == "rate":
             later = np.empty_like(at_start)
-            for own in np.unique(self.interval):
-                rows = self.interval == own
+            for interval in np.unique(self.interval):
+                rows = self.interval == interval
                 later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
             return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], later))
         along = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
@@ -178,11 +178,13 @@ class Paths:
 
 def build_paths(recording: Recording, problem: Problem, result: CalibrationResult) -> Paths:
     """Describe how errors reach the residuals at the calibrated parameters."""
-    made, found = problem.measurements, result.parameters
-    run = propagate(made.arcs, found.G, found.bias)
-    rates = interpolate_rates(recording.gyro, found.G, found.bias, recording.attitudes.t_s)
-    every = np.arange(made.row.size)
-    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, recording.attitudes.t_s, rates)
+    measurements, parameters = problem.measurements, result.parameters
+    run = propagate(measurements.arcs, parameters.G, parameters.bias)
+    rates = interpolate_rates(recording.gyro, parameters.G, parameters.bias, recording.attitudes.t_s)
+    every = np.arange(measurements.row.size)
+    return Paths(
+        every, run.R, run.Theta, measurements.arcs.arc, measurements.start, measurements.row, recording.attitudes.t_s, rates
+    )
 
 
 def interpolate_rates(gyro: GyroStream, G: Array, bias: Array, t_s: Array) -> Array:
@@ -295,9 +297,9 @@ def _undo_whitening(problem: Problem, R: Array, white: Array) -> Array:
     rows, ends = problem.groups
     low = 0
     for high in ends:
-        own = rows[low:high]
-        L = np.linalg.cholesky(problem.covariance(R[own], own))
-        places = (3 * own[:, None] + np.arange(3)).ravel()
+        members = rows[low:high]
+        L = np.linalg.cholesky(problem.covariance(R[members], members))
+        places = (3 * members[:, None] + np.arange(3)).ravel()
         out[places] = scipy.linalg.solve_triangular(L, white[3 * low : 3 * high], lower=True, trans="T")
         low = high
     return out

@@ -92,27 +92,29 @@ class Remainder:
     @property
     def gyro(self) -> Array:
         """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
-        return self._sum_sizes(BIAS_INDICES, lambda one: one.kind == "rate" and one.time_scale_s > 0)
+        return self._sum_sizes(BIAS_INDICES, lambda process: process.kind == "rate" and process.time_scale_s > 0)
 
     @property
     def rate_noise(self) -> Array:
         """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
-        return self._sum_sizes(BIAS_INDICES, lambda one: one.kind == "rate" and one.time_scale_s == 0)
+        return self._sum_sizes(BIAS_INDICES, lambda process: process.kind == "rate" and process.time_scale_s == 0)
 
     @property
     def reference(self) -> Array:
         """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
-        return self._sum_sizes(range(3), lambda one: one.kind == "reference")
+        return self._sum_sizes(range(3), lambda process: process.kind == "reference")
 
     def _sum_sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
         """Root of the sum of the variances of the chosen processes of each member."""
-        own = [one for one in self.processes if is_chosen(one)]
-        return np.array([np.sqrt(sum(one.variance for one in own if member in one.members)) for member in members])
+        chosen = [process for process in self.processes if is_chosen(process)]
+        return np.array(
+            [np.sqrt(sum(selected.variance for selected in chosen if member in selected.members)) for member in members]
+        )
 
     @property
     def delay_s(self) -> float:
         """1-sigma of the delay of the references' time tags, s."""
-        return float(np.sqrt(sum(one.variance for one in self.processes if one.kind == "delay")))
+        return float(np.sqrt(sum(process.variance for process in self.processes if process.kind == "delay")))
 
     @property
     def time_scale_s(self) -> Array:
@@ -131,13 +133,13 @@ class Remainder:
             "noise_factor": self.noise_factor,
             "log_likelihood_gain": self.log_likelihood_gain,
             "p_value": self.p_value,
-            "processes": [one.to_json() for one in self.processes],
+            "processes": [process.to_json() for process in self.processes],
         }
 
 
 def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
     """Read the processes of what `Remainder.to_json` gives."""
-    return tuple(Process.from_json(one) for one in value["processes"])
+    return tuple(Process.from_json(entry) for entry in value["processes"])
 
 
 @dataclass(frozen=True)
@@ -151,13 +153,13 @@ class Stretches:
 
     def covariance(self, process: Process, rows: slice = slice(None)) -> Array:
         """Compute the covariance (rows, n) of the means of a process of unit variance."""
-        low, high, own = self.from_s[rows, None], self.to_s[rows, None], self.interval[rows, None]
+        low, high, interval = self.from_s[rows, None], self.to_s[rows, None], self.interval[rows, None]
         a, b, tau = high - low, self.to_s - self.from_s, process.time_scale_s
-        same = (low == self.from_s) & (high == self.to_s) & (own == self.interval)
+        same = (low == self.from_s) & (high == self.to_s) & (interval == self.interval)
         if tau == 0:
             return np.where(same, 1 / a, 0.0)
         if np.isinf(tau):
-            return np.asarray((own == self.interval).astype(np.float64))
+            return np.asarray((interval == self.interval).astype(np.float64))
         gap = np.maximum(np.maximum(low - self.to_s, self.from_s - high), 0.0)
         apart = _compute_mean_decay(a / tau) * _compute_mean_decay(b / tau) * np.exp(-gap / tau)
         return np.where(same, _compute_mean_variance(a / tau), apart)
@@ -196,8 +198,12 @@ def _compute_mean_variance(x: Array) -> Array:
 
 def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
     """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
-    own = [one for one in processes if one.kind == "rate" and axis in one.members and 0 < one.time_scale_s < np.inf]
-    if not own:
+    correlated = [
+        process
+        for process in processes
+        if process.kind == "rate" and axis in process.members and 0 < process.time_scale_s < np.inf
+    ]
+    if not correlated:
         return float("nan")
-    weights = np.array([one.variance for one in own])
-    return float(np.exp(weights @ np.log([one.time_scale_s for one in own]) / weights.sum()))
+    weights = np.array([member.variance for member in correlated])
+    return float(np.exp(weights @ np.log([member.time_scale_s for member in correlated]) / weights.sum()))

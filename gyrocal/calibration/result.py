@@ -166,11 +166,11 @@ class CalibrationResult:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Values that no gyro of this grade has, a sentence each."""
-        found = tuple(find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible))
+        implausible = tuple(find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible))
         if self.options.get("prior_from") is not None:
-            return found
+            return implausible
         ranges, covariance = self._select_solved()
-        return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
+        return (*implausible, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
 
     @cached_property
     def verdict(self) -> CalibrationVerdict:
@@ -304,7 +304,7 @@ class CalibrationResult:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
-        found, sigma = self.remainder, self.sigma * DEGREES
+        remainder, sigma = self.remainder, self.sigma * DEGREES
         times = self.residuals[["interval", "t_s"]].to_dict("records")
         both = zip(*(self._select_residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
         rows = [row | {"before_deg": a, "after_deg": b} for row, (a, b) in zip(times, both, strict=True)]
@@ -342,10 +342,10 @@ class CalibrationResult:
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
             "sigma_nominal": sigma.tolist(),
-            "sigma_with_remainder": None if found is None else (found.sigma * DEGREES).tolist(),
-            "covariance_with_remainder": None if found is None else _convert_covariance(found.covariance).tolist(),
+            "sigma_with_remainder": None if remainder is None else (remainder.sigma * DEGREES).tolist(),
+            "covariance_with_remainder": None if remainder is None else _convert_covariance(remainder.covariance).tolist(),
             "recommended": self.recommended,
-            "remainder": None if found is None else found.to_json(),
+            "remainder": None if remainder is None else remainder.to_json(),
         }
 
     def _convert_unobservable_sigma(self) -> list[float]:

@@ -62,12 +62,12 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     start = np.concatenate(
         [[0.5 * high], np.log(max(START_SHARE / max(len(components), 1) * excess, 10 * LEAST_POWER_SHARE) * unit)]
     )
-    bounds = [(0.0, high), *((np.log(LEAST_POWER_SHARE * one), np.log(10 * one)) for one in unit)]
+    bounds = [(0.0, high), *((np.log(LEAST_POWER_SHARE * scale), np.log(10 * scale)) for scale in unit)]
     options = {"maxiter": 100, "ftol": PRECISION}
-    found = scipy.optimize.minimize(evaluate_objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    noise, theta = float(np.exp(found.x[0])), np.exp(found.x[1:])
+    minimum = scipy.optimize.minimize(evaluate_objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    noise, theta = float(np.exp(minimum.x[0])), np.exp(minimum.x[1:])
     theta = np.where(theta > 1.5 * LEAST_POWER_SHARE * unit, theta, 0.0)
-    return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power)
+    return VarianceComponents(noise, theta, -float(minimum.fun) + 0.5 * power)
 
 
 def list_lower_places(n: int) -> Indices:
@@ -94,6 +94,6 @@ def evaluate_likelihood(
     inverse, _ = scipy.linalg.lapack.dpotri(factor, overwrite_c=1)
     products = np.array([inverse.T, np.outer(a, a)]).reshape(2, -1)[:, lower] * 2.0
     products[:, np.cumsum(np.arange(1, n + 1)) - 1] *= 0.5  # what is beside the diagonal is there twice
-    seen, u2 = (ratios * (kernels @ one) for one in products)
+    seen, u2 = (ratios * (kernels @ product) for product in products)
     slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
     return float(value), slope

@@ -62,7 +62,7 @@ def decide_verdict(result: CalibrationResult) -> CalibrationVerdict:
     elif result.recommended == WITH_REMAINDER:
         used = result.sigma > 0
         growth = np.sqrt(np.diag(result.recommended_covariance))[used] / result.sigma[used]
-        low, high = (float(f"{one:.2g}") for one in (growth.min(), growth.max()))
+        low, high = (float(f"{factor:.2g}") for factor in (growth.min(), growth.max()))
         belief, summary = (
             "with_wider_sigmas",
             f"Use the sigmas with remainder: they are {low:g} to {high:g} times the nominal ones.",
@@ -99,11 +99,11 @@ def describe_fit(result: CalibrationResult, fit: Fit) -> str:
     if fit == "smaller":
         why = "it is stated too large (gyrocal diagnose says which noise), or the recording is noise-free"
         return f"{text} They are smaller than the stated noise: {why}."
-    found, suspects = result.remainder, ", ".join(list_misfit_reasons(result))
-    if found is None or not found.is_significant:
+    remainder, suspects = result.remainder, ", ".join(list_misfit_reasons(result))
+    if remainder is None or not remainder.is_significant:
         return f"{text} They are larger than the stated noise allows: do not trust the sigmas. Suspect {suspects}."
     how = "are larger than the stated noise allows" if fit == "larger" else "do not fit the stated noise"
-    return f"{text} They {how} (likelihood ratio of a remainder, {format_p_value(found.p_value)}). Suspect {suspects}."
+    return f"{text} They {how} (likelihood ratio of a remainder, {format_p_value(remainder.p_value)}). Suspect {suspects}."
 
 
 def format_p_value(p: float) -> str:

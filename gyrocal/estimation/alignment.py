@@ -150,21 +150,21 @@ def align_together(
         As `gyrocal.estimation.batch.batch`, or the reference is unknown or freed.
     """
     free = _select_free(series, reference, free)
-    found = batch(series, gyro, start, free=free, epoch_s=epoch_s, weighting=weighting)
-    q = len(found.names)
+    estimate = batch(series, gyro, start, free=free, epoch_s=epoch_s, weighting=weighting)
+    q = len(estimate.names)
     return AlignmentResult(
         reference=reference,
-        models=found.models,
-        names=found.names,
-        covariance=found.covariance[6:, 6:],
+        models=estimate.models,
+        names=estimate.names,
+        covariance=estimate.covariance[6:, 6:],
         retained=np.eye(q),
-        epoch_s=found.epoch_s,
-        attitude=found.attitude,
-        bias=found.bias,
-        loss_after=found.chi2,
-        dof=found.dof,
+        epoch_s=estimate.epoch_s,
+        attitude=estimate.attitude,
+        bias=estimate.bias,
+        loss_after=estimate.chi2,
+        dof=estimate.dof,
         rounds=1,
-        unobservable=_find_undetermined(series, gyro, found.models, found.epoch_s, found.attitude, found.bias),
+        unobservable=_find_undetermined(series, gyro, estimate.models, estimate.epoch_s, estimate.attitude, estimate.bias),
     )
 
 
@@ -208,7 +208,7 @@ def align_in_two_steps(
             check_observable(linearise(path, series, fixed, solved).rows, fixed.C[0], solved.names)
         estimate, state, change = _solve_second_step(path, series, fixed, solved)
         attitude = state.R[at_epoch] @ estimate.C[at_epoch]
-        present = tuple(replace(one, model=model) for one, model in zip(series, estimate.models, strict=True))
+        present = tuple(replace(measurements, model=model) for measurements, model in zip(series, estimate.models, strict=True))
         L = _step_gain(state)
         if np.abs(change / np.linalg.norm(L, axis=1)).max() <= tolerance:
             break
@@ -237,11 +237,15 @@ def align_in_two_steps(
 def _select_free(
     series: Sequence[SensorSeries], reference: str, free: Mapping[str, Sequence[str]] | None
 ) -> Mapping[str, Sequence[str]]:
-    names = [one.model.name for one in series]
+    names = [measurements.model.name for measurements in series]
     if reference not in names:
         raise InputError(f"no measurements of the reference sensor {reference!r}; sensors: {', '.join(names)}")
     if free is None:
-        free = {one.model.name: one.model.parameters for one in series if one.model.name != reference}
+        free = {
+            measurements.model.name: measurements.model.parameters
+            for measurements in series
+            if measurements.model.name != reference
+        }
     if reference in free:
         raise InputError(f"{reference} is the reference, its alignment is held; free others only")
     if not any(len(parameters) for parameters in free.values()):
@@ -284,11 +288,11 @@ def _repeat_rounds(L: Array, T: Array, rounds: int | None) -> tuple[Array, Array
     q = len(T)
     if rounds is None:
         return np.asarray(np.linalg.solve(T, L)), np.eye(q)
-    total, left = np.zeros((q, q)), np.eye(q)
+    total, remaining = np.zeros((q, q)), np.eye(q)
     for _ in range(rounds):
-        total += left
-        left = left @ (np.eye(q) - T)
-    return np.asarray(total @ L), np.eye(q) - left
+        total += remaining
+        remaining = remaining @ (np.eye(q) - T)
+    return np.asarray(total @ L), np.eye(q) - remaining
 
 
 def _find_undetermined(
@@ -301,7 +305,7 @@ def _find_undetermined(
 ) -> tuple[str, ...]:
     """Find the free combinations if every parameter of every sensor is free."""
     path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
-    solved = choose_columns(series, {one.model.name: one.model.parameters for one in series})
+    solved = choose_columns(series, {measurements.model.name: measurements.model.parameters for measurements in series})
     estimate = path.carry_back(epoch, attitude, bias, models)
     state = linearise(path, series, estimate, solved)
     return _format_directions(find_free_directions(state.rows, COMMON_PART), state, estimate.C[0], solved.names)

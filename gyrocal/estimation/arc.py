@@ -106,7 +106,7 @@ def choose_columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[s
 
     free: names of solved-for parameters by name of sensor
     """
-    names = [one.model.name for one in series]
+    names = [measurements.model.name for measurements in series]
     if len(set(names)) < len(names):
         raise InputError(f"two series have a sensor of one name; sensors: {', '.join(names)}")
     chosen: list[tuple[str, int, int]] = []
@@ -144,13 +144,13 @@ def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate,
     q = len(solved.names)
     parts: list[Rows] = []
     residuals = []
-    for k, one in enumerate(series):
+    for k, measurements in enumerate(series):
         model = estimate.models[k]
-        used = one.used
+        used = measurements.used
         row = np.flatnonzero(used.any(axis=1))
-        node = path.node(one.t[row])
-        error = np.full(one.y.shape, np.nan)
-        error[row] = np.where(used[row], one.y[row] - model.predict(A[node], row), np.nan)
+        node = path.node(measurements.t[row])
+        error = np.full(measurements.y.shape, np.nan)
+        error[row] = np.where(used[row], measurements.y[row] - model.predict(A[node], row), np.nan)
         residuals.append(error)
         H = model.jacobian(A[node], row) @ R[node]
         c = np.zeros((*H.shape[:2], 3 + q))
@@ -159,7 +159,7 @@ def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate,
         if mine.size:
             c[:, :, 3 + mine] = model.partials(A[node], row)[:, :, places]
         keep = used[row]
-        sigma = one.sigma[row][keep]
+        sigma = measurements.sigma[row][keep]
         parts.append(
             Rows(
                 np.broadcast_to(node[:, None], keep.shape)[keep],
@@ -178,4 +178,4 @@ def join_rows(parts: Sequence[Rows]) -> Rows:
 
 def list_measured_times(series: Sequence[SensorSeries]) -> Array:
     """Times at which a number is to be used, s, series by series."""
-    return np.concatenate([one.t[one.used.any(axis=1)] for one in series] or [np.zeros(0)])
+    return np.concatenate([measurements.t[measurements.used.any(axis=1)] for measurements in series] or [np.zeros(0)])

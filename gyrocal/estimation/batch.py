@@ -179,7 +179,7 @@ def batch(
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
     wanted = np.asarray(times, dtype=float)
     path = build_gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G)
-    first = path.carry_back(epoch, start, gyro.apriori_bias, [one.model for one in series])
+    first = path.carry_back(epoch, start, gyro.apriori_bias, [measurements.model for measurements in series])
     estimate, iterations = _iterate(path, series, first, solved, weighting, max_iterations, tolerance)
     state = linearise(path, series, estimate, solved)
     system = build_solver(path, state.rows, estimate.C, weighting)

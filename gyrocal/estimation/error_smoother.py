@@ -82,7 +82,7 @@ class ErrorStates:
         (m, 3, p) L⁻¹ of the readings, (n + 1, states, p) the smoothed states, and their (n + 1, states, states) covariance
         """
         parts = (self.turns, self.white, self.variance, self.mean, self.decay, self.mean_variance)
-        given = (np.ascontiguousarray(one, dtype=np.float64) for one in (*parts, H, noise, readings))
+        given = (np.ascontiguousarray(values, dtype=np.float64) for values in (*parts, H, noise, readings))
         white, states, covariance = _smooth(node.astype(np.intp), *given)
         return white, states, covariance
 
@@ -94,12 +94,12 @@ def _build_step(turns, white, variance, mean, decay, mean_variance):  # type: ig
     step, added = np.eye(size), np.zeros((size, size))
     added[:3, :3] = white
     for j in range(variance.size):
-        own, u = 3 + j, turns[:, j]
-        step[own, own] = decay[j]
-        added[own, own] = variance[j] * (1 - decay[j] * decay[j])
+        state, u = 3 + j, turns[:, j]
+        step[state, state] = decay[j]
+        added[state, state] = variance[j] * (1 - decay[j] * decay[j])
         for a in range(3):
-            step[a, own] = u[a] * mean[j]
-            added[a, own] = added[own, a] = variance[j] * mean[j] * (1 - decay[j]) * u[a]
+            step[a, state] = u[a] * mean[j]
+            added[a, state] = added[state, a] = variance[j] * mean[j] * (1 - decay[j]) * u[a]
             for b in range(3):
                 added[a, b] += variance[j] * mean_variance[j] * u[a] * u[b]
     return step, added
@@ -123,10 +123,10 @@ def _smooth(  # type: ignore[no-untyped-def]
             x = step @ x
             P = step @ P @ step.T + added
         while row < len(node) and node[row] == k:
-            own = H[row]
-            root = solve_lower(compute_lower_root(own @ P @ own.T + noise[row]), np.eye(3))
-            seen[row] = root @ own
-            innovations[row] = root @ (readings[row] - own @ x)
+            row_H = H[row]
+            root = solve_lower(compute_lower_root(row_H @ P @ row_H.T + noise[row]), np.eye(3))
+            seen[row] = root @ row_H
+            innovations[row] = root @ (readings[row] - row_H @ x)
             gain = P @ seen[row].T
             K = gain @ root
             kept[row] = np.eye(size) - gain @ seen[row]

@@ -246,7 +246,7 @@ def compute_kalman_gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Arr
 @compile_cached
 def update_covariance(P: Array, K: Array, H: Array, sigma: Array) -> None:
     """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
-    left = np.eye(len(P))
-    left[:, :3] -= K @ H  # which only meets the attitude
-    P[:] = left @ P @ left.T + (K * (sigma * sigma)) @ K.T
+    complement = np.eye(len(P))
+    complement[:, :3] -= K @ H  # which only meets the attitude
+    P[:] = complement @ P @ complement.T + (K * (sigma * sigma)) @ K.T
     P[:] = 0.5 * (P + P.T)

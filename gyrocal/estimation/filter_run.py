@@ -143,8 +143,8 @@ def run(
         if which[stop] < 0:
             requested.append(_copy_state(estimator))
         else:
-            one, at = series[which[stop]], int(row[stop])
-            innovation = estimator.update(one.model, at, one.y[at], one.sigma[at])
+            measurements, at = series[which[stop]], int(row[stop])
+            innovation = estimator.update(measurements.model, at, measurements.y[at], measurements.sigma[at])
             if innovation is not None:
                 measured.append((present, int(which[stop]), at, innovation))
         if before is not None:
@@ -186,9 +186,9 @@ def _order_stops(series: Sequence[SensorSeries], start_s: float, times: Array) -
     Measurements without a number to be used are left out.
     """
     t, which, row = [times], [np.full(len(times), -1)], [np.arange(len(times))]
-    for number, one in enumerate(series):
-        rows = np.flatnonzero((one.t >= start_s) & (one.t <= times[-1]) & one.used.any(axis=1))
-        t.append(one.t[rows])
+    for number, measurements in enumerate(series):
+        rows = np.flatnonzero((measurements.t >= start_s) & (measurements.t <= times[-1]) & measurements.used.any(axis=1))
+        t.append(measurements.t[rows])
         which.append(np.full(len(rows), number))
         row.append(rows)
     at, of, rows = np.concatenate(t), np.concatenate(which), np.concatenate(row)
@@ -202,14 +202,14 @@ def _copy_state(estimator: KalmanFilter) -> tuple[Array, Array, Array]:
 
 def _gather_innovations(measured: Sequence[tuple[float, int, int, Innovation]]) -> Innovations:
     """Innovations of a run from the time, series and row of each."""
-    found = [innovation for *_, innovation in measured]
+    innovations = [innovation for *_, innovation in measured]
     return Innovations(
         t=np.array([t for t, *_ in measured]),
         series=np.array([series for _, series, *_ in measured], dtype=np.intp),
         row=np.array([row for _, _, row, _ in measured], dtype=np.intp),
-        nis=np.array([one.nis for one in found]),
-        dof=np.array([one.residual.size for one in found], dtype=np.intp),
-        accepted=np.array([one.accepted for one in found], dtype=bool),
+        nis=np.array([entry.nis for entry in innovations]),
+        dof=np.array([entry.residual.size for entry in innovations], dtype=np.intp),
+        accepted=np.array([entry.accepted for entry in innovations], dtype=bool),
     )
 
 
@@ -256,15 +256,15 @@ def smooth(run: FilterRun) -> Smoothed:
     carried: dict[int, Array] = {}  # covariance between the present stop and each later request
     for stop in range(len(past) - 1, -1, -1):
         if stop < len(past) - 1:
-            own, later = past[stop], past[stop + 1]
+            current, later = past[stop], past[stop + 1]
             Phi = np.vstack([later.Phi, np.eye(n)[3:]])
             scale = np.sqrt(np.diag(later.P_before))
             scaled = later.P_before / np.outer(scale, scale)
-            C = np.linalg.solve(scaled, (Phi @ own.P_after) / scale[:, None]).T / scale
+            C = np.linalg.solve(scaled, (Phi @ current.P_after) / scale[:, None]).T / scale
             state = C @ np.concatenate([attitude.residual(A, later.A_before), (later.x_before - x)[columns]])
-            A, x = attitude.rotation_matrix(state[:3]) @ own.A_after, own.x_after.copy()
+            A, x = attitude.rotation_matrix(state[:3]) @ current.A_after, current.x_after.copy()
             x[columns] -= state[3:]
-            P = own.P_after + C @ (P - later.P_before) @ C.T
+            P = current.P_after + C @ (P - later.P_before) @ C.T
             P = 0.5 * (P + P.T)
             carried = {request: C @ between for request, between in carried.items()}
         if stop in requests:

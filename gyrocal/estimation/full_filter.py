@@ -131,7 +131,7 @@ def run_legs(
         elif number and leg.start_s != legs[number - 1].stop_s:
             raise InputError(f"leg {leg.name} starts at {leg.start_s} s without an attitude and does not go on")
         before, P_before = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
-        fresh = [part for one in series if (part := _mask_until(one, used_until)) is not None]
+        fresh = [part for measurements in series if (part := _mask_until(measurements, used_until)) is not None]
         runs.append(run(estimator, gyro, fresh, leg.start_s, np.array([leg.stop_s])))
         used_until = leg.stop_s
         change = estimator.x[estimator.columns] - before
@@ -149,8 +149,8 @@ def compute_change_chi2(change: Array, P_before: Array, P_after: Array) -> tuple
     white = np.linalg.solve(L, np.eye(len(L)))
     shrunk, basis = np.linalg.eigh(np.eye(len(L)) - white @ (P_after / np.outer(scale, scale)) @ white.T)
     along = basis.T @ white @ (change / scale)
-    told = shrunk > LEARNT
-    return float(np.sum(along[told] ** 2 / shrunk[told])), int(told.sum())
+    is_learnt = shrunk > LEARNT
+    return float(np.sum(along[is_learnt] ** 2 / shrunk[is_learnt])), int(is_learnt.sum())
 
 
 def _mask_until(series: SensorSeries, time: float) -> SensorSeries | None:

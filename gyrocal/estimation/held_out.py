@@ -69,7 +69,7 @@ def predict_held_out_turns(
     whole = _select_pieces(recording, pieces)
     turns: dict[float, list[Array]] = {length: [] for length in (*lengths_s, USUAL_TURN)}
     for block in blocks if len(blocks) > 1 else []:
-        others = [one for k, one in enumerate(pieces) if k not in block]
+        others = [piece for k, piece in enumerate(pieces) if k not in block]
         try:
             sets = _calibrate_without(_select_pieces(recording, others), options)
             paths = [_propagate(whole, parameters, options) for parameters in sets]
@@ -77,10 +77,10 @@ def predict_held_out_turns(
             continue
         used = _find_rows(whole, others)
         for k in block:
-            for length, found in turns.items():
-                found.append(_compare_turns(whole, _find_rows(whole, [pieces[k]]), used, paths, length))
-    together = {length: np.concatenate(found) for length, found in turns.items() if found}
-    enough = {length: found for length, found in together.items() if len(found) >= FEWEST_TURNS}
+            for length, errors in turns.items():
+                errors.append(_compare_turns(whole, _find_rows(whole, [pieces[k]]), used, paths, length))
+    together = {length: np.concatenate(errors) for length, errors in turns.items() if errors}
+    enough = {length: errors for length, errors in together.items() if len(errors) >= FEWEST_TURNS}
     chosen = [length for length in lengths_s if length in enough] or list(enough)
     return tuple(_summarise(enough[length], length) for length in chosen)
 
@@ -90,15 +90,17 @@ def _cut_intervals(recording: Recording) -> list[Interval]:
     parts = -(-HELD_OUT_BLOCKS // len(recording.intervals))
     t_s = recording.attitudes.t_s
     out = []
-    for one in sorted(recording.intervals, key=lambda one: one.start_s):
-        rows = find_reference_rows(t_s, one)
+    for interval in sorted(recording.intervals, key=lambda interval: interval.start_s):
+        rows = find_reference_rows(t_s, interval)
         for k, piece in enumerate(np.array_split(rows, max(min(parts, rows.size // FEWEST_PIECE_REFERENCES), 1))):
-            out.append(replace(one, name=f"{one.name} {k}", start_s=float(t_s[piece[0]]), stop_s=float(t_s[piece[-1]])))
+            out.append(
+                replace(interval, name=f"{interval.name} {k}", start_s=float(t_s[piece[0]]), stop_s=float(t_s[piece[-1]]))
+            )
     return out
 
 
 def _find_rows(recording: Recording, pieces: Sequence[Interval]) -> Indices:
-    return np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in pieces]))
+    return np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, piece) for piece in pieces]))
 
 
 def _select_pieces(recording: Recording, pieces: Sequence[Interval]) -> Recording:
@@ -112,8 +114,8 @@ def _calibrate_without(others: Recording, options: dict[str, Any]) -> tuple[Gyro
     bias_alone = options | {"solve_for": "bias", "parametrisation": "gain", "apriori_covariance": None}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the calibration of the whole recording has them too
-        found = [calibrate(others, **one).parameters for one in (options, bias_alone)]
-    return (*found, GyroParameters(others.gyro.apriori_G, others.gyro.apriori_bias))
+        calibrated = [calibrate(others, **option_set).parameters for option_set in (options, bias_alone)]
+    return (*calibrated, GyroParameters(others.gyro.apriori_G, others.gyro.apriori_bias))
 
 
 def _propagate(recording: Recording, parameters: GyroParameters, options: dict[str, Any]) -> tuple[Indices, Indices, Array]:
@@ -149,9 +151,9 @@ def _compare_turns(
     A = attitude.matrix_from_quaternion(attitudes.quaternions[rows])
     errors = []
     for start, row, propagated in paths:
-        own = start == rows[0]
+        is_inside = start == rows[0]
         P = A.copy()
-        P[np.searchsorted(rows, row[own])] = propagated[own]
+        P[np.searchsorted(rows, row[is_inside])] = propagated[is_inside]
         predicted = P[second] @ P[first].transpose(0, 2, 1) @ A[first]
         errors.append(np.linalg.norm(attitude.residual(A[second], predicted), axis=1))
     variance = np.square(attitudes.sigma[rows]).sum(axis=1)
@@ -169,9 +171,9 @@ def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
     if not turns:
         return "Held-out prediction: none; it needs references in at least two blocks that share none."
     last = turns[-1]
-    lengths = ", ".join(f"{one.length_s:.3g}" for one in turns)
+    lengths = ", ".join(f"{turn.length_s:.3g}" for turn in turns)
     errors = {
-        name: ", ".join(f"{np.rad2deg(getattr(one, name)):.2g}" for one in turns) for name in (*PARAMETER_SETS, "references")
+        name: ", ".join(f"{np.rad2deg(getattr(item, name)):.2g}" for item in turns) for name in (*PARAMETER_SETS, "references")
     }
     return (
         f"Held-out prediction: turns of {lengths} s to {errors['calibrated']} deg RMS; by the bias alone "
@@ -181,7 +183,7 @@ def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
     )
 
 
-def _rank(error: float, other: float) -> str:
-    if error < (1 - EQUAL_ERRORS) * other:
+def _rank(error: float, reference_error: float) -> str:
+    if error < (1 - EQUAL_ERRORS) * reference_error:
         return "better than"
-    return "worse than" if error > (1 + EQUAL_ERRORS) * other else "as good as"
+    return "worse than" if error > (1 + EQUAL_ERRORS) * reference_error else "as good as"

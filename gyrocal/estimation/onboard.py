@@ -236,12 +236,12 @@ def replay(
     k = find_held_sample(gyro, start_s, float(bounds[-1]))
     # At one time: measurements, then openings, then the end of a maneuver, then the start of the next.
     events: list[tuple[float, int, int, int]] = []
-    for number, one in enumerate(series):
-        rows = np.flatnonzero((one.t >= start_s) & (one.t <= bounds[-1]) & one.used.any(axis=1))
-        events += [(float(one.t[row]), 0, number, int(row)) for row in rows]
+    for number, measurements in enumerate(series):
+        rows = np.flatnonzero((measurements.t >= start_s) & (measurements.t <= bounds[-1]) & measurements.used.any(axis=1))
+        events += [(float(measurements.t[row]), 0, number, int(row)) for row in rows]
     events += [(time, 1, 0, 0) for time in (openings or {})]
     events += [(float(time), 3 - n % 2, 0, 0) for n, time in enumerate(bounds)]
-    found: list[Maneuver] = []
+    finished: list[Maneuver] = []
     present = start_s
     for time, kind, number, row in sorted(events):
         while present < time:
@@ -255,10 +255,10 @@ def replay(
         elif kind == 1 and openings:
             onboard.open(openings[time])
         elif kind == 2:
-            found.append(onboard.finish())
+            finished.append(onboard.finish())
         elif kind == 3:
             onboard.start()
-    return tuple(found)
+    return tuple(finished)
 
 
 @compile_cached

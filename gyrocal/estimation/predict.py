@@ -122,10 +122,10 @@ def prior_covariance(
         if value is not None and not 0 <= value < LARGEST_SIGMA:
             raise InputError(f"prior {name} {value:g}: must not be negative, and below {LARGEST_SIGMA:g}")
     plausible = PLAUSIBLE_RANGE
-    own = np.where(
+    element_sigma = np.where(
         np.arange(12) < 9, plausible if sigma_G is None else sigma_G, plausible if sigma_bias is None else sigma_bias
     )
-    P = np.diag(np.square(own))
+    P = np.diag(np.square(element_sigma))
     G = np.eye(3) if G is None else G
     directions = [sigma_mounting * attitude.cross_matrix(e) @ G for e in np.eye(3)] + [sigma_scale * G]
     for direction in directions:
@@ -158,10 +158,10 @@ def predict(
         There are no references before from_s, or no gyro samples after it.
     """
     gyro = recording.gyro
-    begun = [one for one in recording.intervals if one.start_s < from_s]
+    begun = [candidate for candidate in recording.intervals if candidate.start_s < from_s]
     if not begun:
         raise InputError(f"no interval begins before {from_s:g} s; the first starts at {recording.intervals[0].start_s:g} s")
-    interval = max(begun, key=lambda one: one.start_s)
+    interval = max(begun, key=lambda candidate: candidate.start_s)
     stop = gyro.t_s[-1] + gyro.sample_s
     if times is None:
         last = _find_last_sample(recording, from_s)
@@ -258,7 +258,7 @@ def _pose_problem(
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
     start_s = float(references.t_s[anchor])
     at = np.maximum(np.union1d(times, seen.t_s), start_s)
-    if any(one.kind == "rate" for one in noise.processes):  # which correlate, and turn evenly over a short step only
+    if any(process.kind == "rate" for process in noise.processes):  # which correlate, and turn evenly over a short step only
         at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
     _check_memory(at.size, noise)
     path = build_gyro_arc(gyro, np.append(start_s, at), gyro.apriori_G, name="prediction")
@@ -300,21 +300,23 @@ def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
     R = np.concatenate([np.eye(3)[None], run.R])
     F = np.zeros((len(R), 3, 3 + x.size))
     F[:, :, :3], F[1:, :, 3:] = R, run.Theta
-    own = F[place]
+    F_seen = F[place]
     theta = attitude.residual(attitude.matrix_from_quaternion(seen.quaternions), R[place] @ problem.anchor)
     # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-    z = theta - own[:, :, 3:] @ (x - problem.x0)
+    z = theta - F_seen[:, :, 3:] @ (x - problem.x0)
     moves = compute_turns(run.R, run.Theta, np.zeros(steps_s.size, dtype=np.intp))
     errors = ErrorStates.build(moves, steps_s, problem.arw, problem.noise.processes)
     H = np.concatenate([R[place], problem.lasting], axis=2)
     stated = problem.noise.factor * seen.compute_covariance()
-    white, states, spread = errors.smooth(place, H, stated, np.concatenate([own @ problem.S, z[:, :, None]], axis=2))
+    white, states, spread = errors.smooth(place, H, stated, np.concatenate([F_seen @ problem.S, z[:, :, None]], axis=2))
     white, size = white.reshape(z.size, -1), len(problem.S)
     e = np.append(white[:, -1], np.zeros(size))
     Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(size)]), mode="economic")
     y = scipy.linalg.solve_triangular(U, Q.T @ e)
-    left = e - Q @ (Q.T @ e)
-    return _Solution(x, R[wanted], F[wanted], states[wanted], spread[wanted], errors.variance, U, y, float(left @ left))
+    remaining = e - Q @ (Q.T @ e)
+    return _Solution(
+        x, R[wanted], F[wanted], states[wanted], spread[wanted], errors.variance, U, y, float(remaining @ remaining)
+    )
 
 
 def _build_prediction(problem: _Problem, solution: _Solution, x: Array) -> Prediction:
@@ -346,7 +348,7 @@ def _build_prediction(problem: _Problem, solution: _Solution, x: Array) -> Predi
 
 def _check_memory(count: int, noise: RemainderNoise) -> None:
     """Refuse a prediction whose arrays would not fit: they grow with the number of references and output times."""
-    states = 3 + sum(len(one.members) for one in noise.processes)
+    states = 3 + sum(len(process.members) for process in noise.processes)
     each = 8 * (2 * states**2 + (states + 6) * 16 + 3 * states + 60)
     if count * each > LARGEST_PREDICTION_BYTES:
         raise InputError(

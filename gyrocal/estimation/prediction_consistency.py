@@ -71,7 +71,7 @@ def compute_prediction_errors(
     recording = known.apply(recording)
     t_s = recording.attitudes.t_s
     rows = _choose_starts(recording, horizons_s[0], most_starts)
-    found: list[list[tuple[float, Array, Array]]] = [[] for _ in horizons_s]
+    errors_by_horizon: list[list[tuple[float, Array, Array]]] = [[] for _ in horizons_s]
     for row in rows:
         wanted = [_find_reference_after(recording, row, horizon) for horizon in horizons_s]
         targets = sorted({one for one in wanted if one is not None})
@@ -88,8 +88,8 @@ def compute_prediction_errors(
         for k, one in enumerate(wanted):
             if one is not None:
                 place = targets.index(one)
-                found[k].append((float(t_s[row]), errors[place], covariance[place]))
-    return [_gather(horizon, ones) for horizon, ones in zip(horizons_s, found, strict=True)]
+                errors_by_horizon[k].append((float(t_s[row]), errors[place], covariance[place]))
+    return [_gather(horizon, ones) for horizon, ones in zip(horizons_s, errors_by_horizon, strict=True)]
 
 
 def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording:
@@ -97,10 +97,10 @@ def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording
     attitudes, gyro = recording.attitudes, recording.gyro
     kept = attitudes.select_rows((attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
     intervals = []
-    for one in recording.intervals:
-        inside = kept.t_s[find_reference_rows(kept.t_s, one)]
+    for interval in recording.intervals:
+        inside = kept.t_s[find_reference_rows(kept.t_s, interval)]
         if inside.size >= 2:
-            intervals.append(replace(one, start_s=float(inside[0]), stop_s=float(inside[-1])))
+            intervals.append(replace(interval, start_s=float(inside[0]), stop_s=float(inside[-1])))
     if not intervals:
         raise InputError(f"no interval has two references between {from_s:g} and {to_s:g} s")
     samples = (gyro.t_s >= from_s - 2 * gyro.sample_s) & (gyro.t_s <= to_s + 2 * gyro.sample_s)
@@ -112,15 +112,15 @@ def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]
     """Rows of references inside an interval with at least two before and a span of `least_s` after them."""
     t_s: Array = recording.attitudes.t_s
     rows = []
-    for one in recording.intervals:
-        rows += [int(row) for row in find_reference_rows(t_s, one)[2:] if t_s[row] <= t_s[-1] - least_s]
+    for interval in recording.intervals:
+        rows += [int(row) for row in find_reference_rows(t_s, interval)[2:] if t_s[row] <= t_s[-1] - least_s]
     return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
 
 
 def _select_references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
     """Mask of the latest references up to a row in the interval that holds it."""
     attitudes: Attitudes = recording.attitudes
-    start_s = max(one.start_s for one in recording.intervals if one.start_s < attitudes.t_s[row] - SAME_TIME_S)
+    start_s = max(interval.start_s for interval in recording.intervals if interval.start_s < attitudes.t_s[row] - SAME_TIME_S)
     used = (attitudes.t_s >= start_s - SAME_TIME_S) & (np.arange(attitudes.t_s.size) <= row)
     used[: max(row + 1 - MOST_USED, 0)] = False
     return np.asarray(used)

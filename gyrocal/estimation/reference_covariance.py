@@ -53,21 +53,21 @@ def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     """
     t, A, _, batch_of, number = _gather_references(batches)
     start, end = _find_ends(t, intervals)
-    edges = np.unique(np.concatenate([t, *(one.errors.t_s for one in batches)]))
+    edges = np.unique(np.concatenate([t, *(batch.errors.t_s for batch in batches)]))
     middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
     walk = np.zeros((3 * len(end), len(middle), 3))
     V = np.zeros((3 * len(end), 3 * len(end)))
-    for b, one in enumerate(batches):
-        weights = np.zeros((3 * len(end), len(one.joint)))  # residuals by errors of the batch
+    for b, estimate in enumerate(batches):
+        weights = np.zeros((3 * len(end), len(estimate.joint)))  # residuals by errors of the batch
         for j in range(len(end)):
             for row, sign in ((end[j], -1.0), (start[j], 1.0)):
                 if batch_of[row] == b:
-                    first = len(one.covariance) + 3 * number[row]
+                    first = len(estimate.covariance) + 3 * number[row]
                     weights[3 * j : 3 * j + 3, first : first + 3] += sign * A[end[j]] @ A[row].T
-        V += weights @ one.errors.measurements @ weights.T
-        inside = (middle > one.errors.t_s[0]) & (middle < one.errors.t_s[-1])
-        piece = np.searchsorted(one.errors.t_s, middle[inside]) - 1
-        walk[:, inside] += (weights @ one.errors.walk).transpose(1, 0, 2)[:, piece]
+        V += weights @ estimate.errors.measurements @ weights.T
+        inside = (middle > estimate.errors.t_s[0]) & (middle < estimate.errors.t_s[-1])
+        piece = np.searchsorted(estimate.errors.t_s, middle[inside]) - 1
+        walk[:, inside] += (weights @ estimate.errors.walk).transpose(1, 0, 2)[:, piece]
     for j in range(len(end)):
         during = (middle > t[start[j]]) & (middle < t[end[j]])
         walk[3 * j : 3 * j + 3, during] += A[end[j]][:, None, :]
@@ -94,16 +94,17 @@ def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
 
 def _gather_references(batches: Sequence[BatchResult]) -> tuple[Array, Array, Array, Indices, Indices]:
     """Times, attitudes, sigmas, batch and number within it of all references, in the order of time."""
-    counts = [one.t_s.size for one in batches]
+    counts = [batch.t_s.size for batch in batches]
     if not sum(counts):
         raise InputError("no batch has an attitude at a wanted time")
-    t = np.concatenate([one.t_s for one in batches])
+    t = np.concatenate([result.t_s for result in batches])
     order = np.argsort(t, kind="stable")
     same = np.flatnonzero(np.diff(t[order]) <= 0)
     if same.size:
         raise InputError(f"two references are of one time, {t[order][same[0]]:g} s; want it of one batch only")
     A, sigma = (
-        np.concatenate(parts)[order] for parts in zip(*((one.attitudes, one.attitude_sigma) for one in batches), strict=True)
+        np.concatenate(parts)[order]
+        for parts in zip(*((result.attitudes, result.attitude_sigma) for result in batches), strict=True)
     )
     number = np.concatenate([np.arange(count) for count in counts])[order]
     return t[order], A, sigma, np.repeat(np.arange(len(batches)), counts)[order], number

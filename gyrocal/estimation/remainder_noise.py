@@ -75,8 +75,8 @@ class KnownCalibration:
         """Take the recommended covariance of a result of `gyrocal.calibrate`, and its remainder."""
         if result.recommended != WITH_REMAINDER or result.remainder is None:
             return cls(result.parameters, result.covariance, RemainderNoise())
-        found = result.remainder
-        return cls(result.parameters, found.covariance, RemainderNoise(found.processes, found.noise_factor))
+        remainder = result.remainder
+        return cls(result.parameters, remainder.covariance, RemainderNoise(remainder.processes, remainder.noise_factor))
 
     def apply(self, recording: Recording) -> Recording:
         """Return the recording with these parameters as its a-priori ones."""
@@ -112,11 +112,11 @@ def read_calibration(path: Path) -> KnownCalibration:
 
 def _check(processes: Iterable[Process], factor: float) -> None:
     """Refuse sizes that are no variances."""
-    for one in processes:
-        most: Sequence[int] = range(12) if one.kind == "rate" else range(3)
-        if one.kind not in ("rate", "reference", "delay") or not set(one.members) <= set(most):
-            raise ValueError(f"a process of kind {one.kind!r} with members {list(one.members)} is unknown")
-        if not (0 <= one.variance < np.inf and one.time_scale_s >= 0):
+    for process in processes:
+        most: Sequence[int] = range(12) if process.kind == "rate" else range(3)
+        if process.kind not in ("rate", "reference", "delay") or not set(process.members) <= set(most):
+            raise ValueError(f"a process of kind {process.kind!r} with members {list(process.members)} is unknown")
+        if not (0 <= process.variance < np.inf and process.time_scale_s >= 0):
             raise ValueError("a process has a variance or a time scale that is negative or not finite")
     if not 0 < factor < np.inf:
         raise ValueError("its noise factor is not positive and finite")

@@ -48,7 +48,7 @@ sensor.esa_s_filter
 sensor.esa_sun_intrusion
 sensor.esa_nadir
 """
-BUILT_IN = [one for file in FILES.split() for one in collect_effects(import_module(f"simulator.effects.{file}"))]
+BUILT_IN = [effect for file in FILES.split() for effect in collect_effects(import_module(f"simulator.effects.{file}"))]
 REGISTRY.register_all(BUILT_IN)
 
 __all__ = [

@@ -327,7 +327,7 @@ class Effect:
 
         By default all combinations of what its parameters say is tried.
         """
-        tried = {one.name: one.tried for one in self.parameters if one.tried}
+        tried = {parameter.name: parameter.tried for parameter in self.parameters if parameter.tried}
         sets = list(product(*tried.values()))
         return tuple(Trial(dict(zip(tried, values, strict=True)), 1 / len(sets)) for values in sets)
 

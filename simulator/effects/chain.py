@@ -53,21 +53,21 @@ def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng:
         if stage.name == "white_noise":
             raw = raw + _draw_white_noise(around, active, rng)
             continue
-        for one in _select_stage(active, stage.name):
-            raw = _apply_method(one, raw, around, stage.calls)
+        for entry in _select_stage(active, stage.name):
+            raw = _apply_method(entry, raw, around, stage.calls)
     return raw
 
 
-def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
+def _apply_method(entry: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
     """Raw readings behind one effect."""
     if method == "columns":
-        return raw + _evaluate_columns(one, around)
+        return raw + _evaluate_columns(entry, around)
     if method == "wander":
-        return raw + one.effect.wander(one.rng, around.stream, one.setting)
+        return raw + entry.effect.wander(entry.rng, around.stream, entry.setting)
     if method == "retimed":
-        return one.effect.retimed(raw, around.stream, one.setting)
+        return entry.effect.retimed(raw, around.stream, entry.setting)
     if method == "apply":
-        return one.effect.apply(one.rng, raw, around.stream, one.setting)
+        return entry.effect.apply(entry.rng, raw, around.stream, entry.setting)
     return raw
 
 
@@ -87,38 +87,38 @@ def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rn
         error = rng.standard_normal(error.shape) * around.reference_sigma * factor
         if around.reference_axes is not None:
             error = np.einsum("mij,mj->mi", around.reference_axes, error)
-    for one in active:
-        if one.effect.stage == "reference":
-            error = error + _evaluate_columns(one, around)
-        elif one.effect.stage == "random_reference":
-            error = error + one.effect.reference_wander(one.rng, references, one.setting)
+    for entry in active:
+        if entry.effect.stage == "reference":
+            error = error + _evaluate_columns(entry, around)
+        elif entry.effect.stage == "random_reference":
+            error = error + entry.effect.reference_wander(entry.rng, references, entry.setting)
     shown = apply_rotation_errors(references.quaternions, error) if error.any() else references.quaternions
-    for one in _select_stage(active, "reference_telemetry"):
-        shown = one.effect.replace_references(one.rng, shown, references, one.setting)
+    for entry in _select_stage(active, "reference_telemetry"):
+        shown = entry.effect.replace_references(entry.rng, shown, references, entry.setting)
     return shown
 
 
 def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffect]:
     """The effects at one stage; those that do not simply add up are in the order of the registry, others come after them."""
-    here = [one for one in active if one.effect.stage == stage]
+    here = [entry for entry in active if entry.effect.stage == stage]
     if len(here) > 1 and here[0].effect.implements("apply"):
         order = list(REGISTRY)
-        here.sort(key=lambda one: order.index(one.effect.name) if one.effect.name in order else len(order))
+        here.sort(key=lambda entry: order.index(entry.effect.name) if entry.effect.name in order else len(order))
     return here
 
 
 def _multiply_noise_factors(active: Sequence[ActiveEffect], stage: str) -> Array:
     """Factor of each axis' white noise by all effects at a stage, (3,)."""
     factor = np.ones(3)
-    for one in _select_stage(active, stage):
-        factor *= one.effect.noise_factor(one.setting)
+    for entry in _select_stage(active, stage):
+        factor *= entry.effect.noise_factor(entry.setting)
     return factor
 
 
-def _evaluate_columns(one: ActiveEffect, around: Surroundings) -> Array:
+def _evaluate_columns(entry: ActiveEffect, around: Surroundings) -> Array:
     """Columns times amplitudes; an effect that could not act here is an error rather than silently nothing."""
-    effect, setting = one.effect, one.setting
-    _check_step_time(one, around)
+    effect, setting = entry.effect, entry.setting
+    _check_step_time(entry, around)
     try:
         if effect.on_references:
             columns = effect.reference_columns(around.references, setting.axis, setting.parameters)
@@ -135,12 +135,12 @@ def _evaluate_columns(one: ActiveEffect, around: Surroundings) -> Array:
     return np.asarray(columns @ effect.amplitudes(setting))
 
 
-def _check_step_time(one: ActiveEffect, around: Surroundings) -> None:
+def _check_step_time(entry: ActiveEffect, around: Surroundings) -> None:
     """A step before the first sample or after the last is none."""
-    if not one.effect.switched:
+    if not entry.effect.switched:
         return
-    time, (first, last) = float(one.setting.parameters["time_s"]), around.stream.span_s
+    time, (first, last) = float(entry.setting.parameters["time_s"]), around.stream.span_s
     if not first < time < last:
         raise InputError(
-            f"{one.setting.label()}: does nothing here; time_s {time:g} is not within the recording's {first:g} to {last:g} s"
+            f"{entry.setting.label()}: does nothing here; time_s {time:g} is not within the recording's {first:g} to {last:g} s"
         )

@@ -206,17 +206,17 @@ class DirectedEffect(Effect):
     @property
     def directions(self) -> tuple[Parameter, ...]:
         """The parameters that are angles; all but words."""
-        return tuple(one for one in self.parameters if not one.choices)
+        return tuple(parameter for parameter in self.parameters if not parameter.choices)
 
     def amplitudes(self, setting: Setting) -> Array:
         """The angles, in the effect's unit."""
-        direction = np.array([float(setting.parameters[one.name]) for one in self.directions])
+        direction = np.array([float(setting.parameters[parameter.name]) for parameter in self.directions])
         length = np.linalg.norm(direction)
         return np.asarray(setting.size * direction / length) if length > 0 else np.zeros(direction.size)
 
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
         """The norm, and the angles."""
-        named = {one.name: float(value) for one, value in zip(self.directions, amplitudes, strict=True)}
+        named = {parameter.name: float(value) for parameter, value in zip(self.directions, amplitudes, strict=True)}
         return float(np.linalg.norm(amplitudes)), dict(named)
 
     def completed(self, setting: Setting) -> Setting:

@@ -77,8 +77,10 @@ def _find_forward_axes(rates: Array) -> NDArray[np.str_]:
     out[steady] = FLIGHT_DIRECTIONS[alike[steady].argmax(axis=1)]
     for row in np.flatnonzero(pointing & ~steady):
         known = np.flatnonzero(steady)
-        beside = {*known[known < row][-1:], *known[known > row][:1]}
-        choices = np.isin(FLIGHT_DIRECTIONS, out[list(beside)]) if beside else np.ones(FLIGHT_DIRECTIONS.size, dtype=bool)
+        neighbours = {*known[known < row][-1:], *known[known > row][:1]}
+        choices = (
+            np.isin(FLIGHT_DIRECTIONS, out[list(neighbours)]) if neighbours else np.ones(FLIGHT_DIRECTIONS.size, dtype=bool)
+        )
         out[row] = FLIGHT_DIRECTIONS[np.where(choices, alike[row], -np.inf).argmax()]
     return out
 

@@ -56,7 +56,9 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
         if effect.symptom is not None and effect.symptom not in SYMPTOMS:
             raise InputError(f"{name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
-        rivals = [one.name for one in self.effects.values() if effect.symptom and one.symptom == effect.symptom]
+        rivals = [
+            registered.name for registered in self.effects.values() if effect.symptom and registered.symptom == effect.symptom
+        ]
         if rivals:
             raise InputError(f"{name}: the symptom {effect.symptom} is that of {rivals[0]} already")
         if not 0 < effect.prior[0] < effect.prior[1]:
@@ -129,18 +131,18 @@ class View(Mapping[str, Kind]):
         return sum(1 for _ in self)
 
 
-def collect_effects(found: object) -> list[Effect]:
+def collect_effects(source: object) -> list[Effect]:
     """The effects that an entry point or a module gives."""
-    if isinstance(found, ModuleType):
-        given = [getattr(found, name) for name in ("EFFECT", "EFFECTS") if hasattr(found, name)]
+    if isinstance(source, ModuleType):
+        given = [getattr(source, name) for name in ("EFFECT", "EFFECTS") if hasattr(source, name)]
         if not given:
             raise InputError("defines neither EFFECT nor EFFECTS")
-        return [effect for one in given for effect in collect_effects(one)]
-    if isinstance(found, Effect):
-        return [found]
-    if isinstance(found, list | tuple) and all(isinstance(one, Effect) for one in found):
-        return list(found)
-    raise InputError(f"gives {type(found).__name__}, not an Effect or several")
+        return [effect for member in given for effect in collect_effects(member)]
+    if isinstance(source, Effect):
+        return [source]
+    if isinstance(source, list | tuple) and all(isinstance(member, Effect) for member in source):
+        return list(source)
+    raise InputError(f"gives {type(source).__name__}, not an Effect or several")
 
 
 def _format_exception(fault: BaseException) -> str:

@@ -189,7 +189,9 @@ def fit_crossing_compensation(
     angle = np.deg2rad(np.linspace(*CROSSING_ANGLES_DEG, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
     seen = [sun_sensor.compute_head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
-    counts = [sun_sensor.compute_counts(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]
+    counts = [
+        sun_sensor.compute_counts(*direction, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for direction in seen
+    ]
     bracket = np.tan(np.array([compute_head_angle(count, coefficients) for count in counts]) - coefficients[8])
     wanted = body @ nominal @ on_board
     slope, offset = np.polyfit(bracket, np.tan(np.arctan(wanted[:, 1] / wanted[:, 2]) - coefficients[8]), 1)
@@ -208,7 +210,7 @@ def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
         first = replace(first, s_filter="off")
     beta, nominal = first.coefficients_beta, sun_sensor.build_trmm_alignments(*config.boresights)
     sensors = zip(config.sun_sensors, misalignments, nominal, beta, strict=True)
-    factors = list(R6) if config.printed_coefficients else [fit_crossing_compensation(*own) for own in sensors]
+    factors = list(R6) if config.printed_coefficients else [fit_crossing_compensation(*sensor) for sensor in sensors]
     changed = np.stack([apply_compensation(b, *cd) for b, cd in zip(beta, factors, strict=True)])
     second = replace(first, G=R9_G, bias=R9_BIAS, coefficients_beta=changed)
     return first, second if config.filter_off_first else replace(second, bias=None, s_filter="off")

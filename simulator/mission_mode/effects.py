@@ -45,20 +45,20 @@ class MissionSetting:
     parameters: Parameters
 
 
-def _set_elevation(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    boresights = math.radians(own["tilt_deg"]), -math.radians(size)
+def _set_elevation(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
+    boresights = math.radians(parameters["tilt_deg"]), -math.radians(size)
     return replace(config, boresights=boresights, sun_sensors=build_mounted_sensors(config.mounting, boresights))
 
 
-def _set_horizon_noise(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    return replace(config, horizon=replace(config.horizon, sigma=math.radians(size), time_constant_s=own["tau_s"]))
+def _set_horizon_noise(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
+    return replace(config, horizon=replace(config.horizon, sigma=math.radians(size), time_constant_s=parameters["tau_s"]))
 
 
-def _set_horizon_season(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_horizon_season(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     return replace(config, horizon=replace(config.horizon, season=math.radians(size)))
 
 
-def _set_transfer_scale(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_transfer_scale(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     """The true β of DSS-2 has another scale than the tables, about the angle at which the ground aligned it.
 
     B_true = (1 + s) B − s B₀ with the bracket B of R (5), and B₀ that of the yaw update at the alignment's sun angle: an
@@ -71,27 +71,27 @@ def _set_transfer_scale(config: MissionConfig, size: float, own: Parameters) -> 
     return replace(config, sun_sensors=(first, replace(second, coefficients_beta=beta)))
 
 
-def _set_rate_walk(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_rate_walk(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3).copy()
-    rrw[int(own["axis"])] = size * DEG_H_IN_RAD_S / math.sqrt(DAY)
+    rrw[int(parameters["axis"])] = size * DEG_H_IN_RAD_S / math.sqrt(DAY)
     return replace(config, gyro=replace(config.gyro, rrw=rrw))
 
 
-def _set_bias_gain(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_bias_gain(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     return replace(config, controller=replace(config.controller, bias_gain=size))
 
 
-def _set_cross_track_error(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    angle, phase = 1e3 * size / config.orbit.radius, math.radians(own["phase_deg"])
+def _set_cross_track_error(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
+    angle, phase = 1e3 * size / config.orbit.radius, math.radians(parameters["phase_deg"])
     node = -angle * math.cos(phase) / math.sin(config.orbit.inclination)
     return replace(config, ephemeris=replace(config.ephemeris, node=node, inclination=angle * math.sin(phase)))
 
 
-def _set_printed_coefficients(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_printed_coefficients(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     return replace(config, printed_coefficients=size > 0)
 
 
-def _set_late_filter(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_late_filter(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
     return replace(config, filter_off_first=size <= 0)
 
 
@@ -143,6 +143,6 @@ def parse(text: str) -> MissionSetting:
 def apply_mission_settings(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:
     """Apply effects to a config in the order of `ALL_MISSION_EFFECTS`: a mounting comes before what changes it."""
     order = list(MISSION_EFFECTS)
-    for one in sorted(settings, key=lambda setting: order.index(setting.effect)):
-        config = MISSION_EFFECTS[one.effect].change(config, one.size, one.parameters)
+    for chosen in sorted(settings, key=lambda setting: order.index(setting.effect)):
+        config = MISSION_EFFECTS[chosen.effect].change(config, chosen.size, chosen.parameters)
     return config

@@ -61,10 +61,10 @@ def solve_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
     wanted = np.concatenate([np.zeros(3), Rotation.from_matrix(U @ V).as_rotvec()])
     turns = np.zeros(6)
     for _ in range(MOUNTING_NEWTON_STEPS):
-        found = fit_on_ground(turns, boresights)
+        tangents = fit_on_ground(turns, boresights)
         step = 1e-5
-        J = np.stack([(fit_on_ground(turns + step * axis, boresights) - found) / step for axis in np.eye(6)], axis=1)
-        turns = turns - np.linalg.solve(J, found - wanted)
+        J = np.stack([(fit_on_ground(turns + step * axis, boresights) - tangents) / step for axis in np.eye(6)], axis=1)
+        turns = turns - np.linalg.solve(J, tangents - wanted)
     return _build_rotation(turns[:3]), _build_rotation(turns[3:])
 
 
@@ -78,8 +78,8 @@ def fit_on_ground(turns: Array, boresights: tuple[float, float]) -> Array:
     seen, heads = [], (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2)
     for N, turn, head in zip(sun_sensor.build_trmm_alignments(*boresights), turns.reshape(2, 3), heads, strict=True):
         s = sun @ (N @ _build_rotation(turn))
-        found = [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
-        tangents = np.array(found)
+        head_tangents = [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
+        tangents = np.array(head_tangents)
         view = (np.abs(tangents) <= np.tan(sun_sensor.SIMULATED_HALF_FOV)).all(axis=1)
         seen.append((sun[view], N, np.arctan(tangents[view])))
 

@@ -48,7 +48,7 @@ class _ReferenceJump(DirectedEffect):
         seen = compute_reference_innovations(around)
         edges = find_edges(seen, around)
         middle = 0.5 * (t_s[seen.first] + t_s[seen.second])
-        steps, own = max(len(seen.values), 2), interval[seen.second]
+        steps, interval_of_innovation = max(len(seen.values), 2), interval[seen.second]
         gaps = _list_gaps(t_s, interval)
         if not edges.size and not gaps:
             return (_choose_middle_window(around),)
@@ -57,7 +57,9 @@ class _ReferenceJump(DirectedEffect):
             # Half of the prior is that of jumps that return: even in their begin, and in the logarithm of their length.
             _build_window(float(middle[i]), float(middle[k]), 0.5 / (steps * (k - i) * np.log(steps)))
             for (p, i), (q, k) in combinations(enumerate(edges.tolist()), 2)
-            if q - p <= MOST_BETWEEN and own[i] == own[k] and k - i >= FEWEST_JUMP_REFERENCES
+            if q - p <= MOST_BETWEEN
+            and interval_of_innovation[i] == interval_of_innovation[k]
+            and k - i >= FEWEST_JUMP_REFERENCES
         ]
         return [*stays, *returns]
 
@@ -80,18 +82,18 @@ def compute_reference_innovations(around: Surroundings) -> Innovations:
 def find_edges(seen: Innovations, around: Surroundings) -> np.ndarray:
     """Find the innovations (k,) at which the references jump, the largest jumps, in order of time."""
     interval = around.references.interval
-    own = interval[seen.second]
+    interval_of_innovation = interval[seen.second]
     chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
     chi2[chi2 < JUMP_CHI2] = 0.0
-    for one in np.unique(own) if around.residuals is not None else ():
-        rows, members = np.flatnonzero(own == one), np.flatnonzero(interval == one)
-        for length, found in _compare_means(around, members):
+    for interval_number in np.unique(interval_of_innovation) if around.residuals is not None else ():
+        rows, members = np.flatnonzero(interval_of_innovation == interval_number), np.flatnonzero(interval == interval_number)
+        for length, statistic in _compare_means(around, members):
             # A jump makes a triangle of that width; one that shows in fewer references is known better.
-            for k in np.flatnonzero(found > JUMP_CHI2).tolist():
-                beside = slice(max(k - length, 0), k + length)
+            for k in np.flatnonzero(statistic > JUMP_CHI2).tolist():
+                neighbourhood = slice(max(k - length, 0), k + length)
                 place = rows[np.searchsorted(seen.second[rows], members[k + 1]).clip(max=rows.size - 1)]
-                if found[k] == found[beside].max() and not chi2[max(place - length, 0) : place + length].any():
-                    chi2[place] = found[k]
+                if statistic[k] == statistic[neighbourhood].max() and not chi2[max(place - length, 0) : place + length].any():
+                    chi2[place] = statistic[k]
     large = np.flatnonzero(chi2)
     return np.sort(large[np.argsort(-chi2[large], kind="stable")][:MOST_EDGES])
 
@@ -105,24 +107,24 @@ def _compare_means(around: Surroundings, members: np.ndarray) -> Iterator[tuple[
     assert around.residuals is not None
     eta, A = around.residuals[members], Rotation.from_quat(around.references.quaternions[members]).inv().as_matrix()
     each = (eta, np.einsum("kij,kj->ki", A, eta), A)
-    of_eta, of_body, of_A = (np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in each)
+    of_eta, of_body, of_A = (np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)]) for values in each)
     length = 2
     while length * SHARE_OF_REFERENCES <= members.size:
         first = np.arange(length, members.size + 1 - length)
         mean = (of_eta[first] - of_eta[first - length]) / length
-        body, turn = ((one[first + length] - one[first]) / length for one in (of_body, of_A))
+        body, turn = ((values[first + length] - values[first]) / length for values in (of_body, of_A))
         e = body - np.einsum("kij,kj->ki", turn, mean)
         square = np.sum((e / np.maximum(np.median(np.abs(e), axis=0), SMALLEST_ANGLE)) ** 2, axis=1)
-        found = np.zeros(members.size - 1)
-        found[first - 1] = square * MEDIAN_CHI2 / max(float(np.median(square)), SMALLEST_ANGLE)
-        yield length, found
+        statistic = np.zeros(members.size - 1)
+        statistic[first - 1] = square * MEDIAN_CHI2 / max(float(np.median(square)), SMALLEST_ANGLE)
+        yield length, statistic
         length *= 2
 
 
 def _list_gaps(t_s: np.ndarray, interval: np.ndarray) -> list[float]:
     """Middles of the gaps between intervals, s."""
-    used = [one for one in np.unique(interval) if one >= 0]
-    ends = [(t_s[interval == one].min(), t_s[interval == one].max()) for one in used]
+    used = [number for number in np.unique(interval) if number >= 0]
+    ends = [(t_s[interval == number].min(), t_s[interval == number].max()) for number in used]
     return [float(0.5 * (end + begin)) for (_, end), (begin, _) in pairwise(sorted(ends)) if begin > end]
 
 

@@ -26,16 +26,16 @@ class _ReferenceModeOffset(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Each heading and rule for holds that reaches other references, by the number of headings it stands for."""
-        found: dict[bytes, tuple[dict[str, Value], int]] = {}
+        counted: dict[bytes, tuple[dict[str, Value], int]] = {}
         # That of the simulator is the first of those that reach the same references.
         for within in sorted(TRIED_DEG, key=lambda angle: abs(angle - WITHIN_DEG)):
             for holds in HOLDS:
                 parameters: dict[str, Value] = {"holds": holds, "within_deg": float(within)}
                 key = _find_affected(around.references, parameters).tobytes()
-                first, count = found.get(key, (parameters, 0))
-                found[key] = first, count + 1
-        total = sum(count for _, count in found.values())
-        return tuple(Trial(parameters, count / total) for parameters, count in found.values())
+                first, count = counted.get(key, (parameters, 0))
+                counted[key] = first, count + 1
+        total = sum(count for _, count in counted.values())
+        return tuple(Trial(parameters, count / total) for parameters, count in counted.values())
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references in this mode and in another one, since an offset of all of them cannot be seen."""

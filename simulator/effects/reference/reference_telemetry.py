@@ -26,10 +26,10 @@ class _ReferenceFreeze(Effect):
         frozen = (references.t_s >= begin) & (references.t_s < begin + setting.size)
         out = quaternions.copy()
         for interval in np.unique(references.interval[frozen]):
-            own = references.interval == interval
-            before = np.flatnonzero(own & (references.t_s < begin))
+            members = references.interval == interval
+            before = np.flatnonzero(members & (references.t_s < begin))
             if before.size:
-                out[own & frozen] = quaternions[before[np.argmax(references.t_s[before])]]
+                out[members & frozen] = quaternions[before[np.argmax(references.t_s[before])]]
         return out
 
 
@@ -41,8 +41,8 @@ class _ReferenceGlitch(Effect):
         share = number(setting.parameters, "fraction")
         edge = np.zeros(count, dtype=bool)
         for interval in np.unique(references.interval):
-            own = np.flatnonzero(references.interval == interval)
-            edge[own[[0, -1]]] = True
+            members = np.flatnonzero(references.interval == interval)
+            edge[members[[0, -1]]] = True
         off = np.zeros((count, 3))
         begins = np.flatnonzero(rng.random(count) < 2 * share / (LONGEST_GLITCH_GROUP + 1))  # two references a group on average
         for begin in begins:

@@ -31,12 +31,12 @@ class _DssHead(VectorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         sun, earth = sightings.nothing
-        own = sightings.sun_sensor == int(str(axis))
-        a, b = np.tan(sightings.sun_angles[own].T)
+        rows = sightings.sun_sensor == int(str(axis))
+        a, b = np.tan(sightings.sun_angles[rows].T)
         e1, e2, e3 = DEG * amplitudes
         p = np.cos(e2) * b - np.sin(e2) * (a * np.cos(e1) - np.sin(e1))
         q = a * np.sin(e1) + np.cos(e1)
-        sun[own, 1] = e3 + np.arctan2(p, q) - sightings.sun_angles[own, 1]
+        sun[rows, 1] = e3 + np.arctan2(p, q) - sightings.sun_angles[rows, 1]
         return sun, earth
 
 

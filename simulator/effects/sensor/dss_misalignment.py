@@ -25,11 +25,11 @@ class _DssMisalignment(VectorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         sun, earth = sightings.nothing
-        own = sightings.sun_sensor == MISALIGNED_SENSOR
-        angles = sightings.sun_angles[own]
+        rows = sightings.sun_sensor == MISALIGNED_SENSOR
+        angles = sightings.sun_angles[rows]
         nominal = np.column_stack([np.tan(angles), np.ones(len(angles))])
         seen = Rotation.from_rotvec(DEG * amplitudes).inv().apply(nominal)
-        sun[own] = np.arctan2(seen[:, :2], seen[:, 2:]) - angles
+        sun[rows] = np.arctan2(seen[:, :2], seen[:, 2:]) - angles
         return sun, earth
 
 
