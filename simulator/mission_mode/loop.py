@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from gyrocal.arrays import Array
+from gyrocal.arrays import Array, Mask
 from gyrocal.jit_cache import compile_cached
 from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, compute_dipole_field
 from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
@@ -199,6 +199,58 @@ def _compute_outer_torque(
 
 
 @compile_cached
+def _interpolate_sun(t: float, table: Array, sun: Array) -> None:
+    """Write the direction of the Sun (3,) at t from its table, a row every `SUN_STEP`."""
+    index = int(t / SUN_STEP)
+    share = t / SUN_STEP - index
+    for i in range(3):
+        sun[i] = (1.0 - share) * table[index, i] + share * table[index + 1, i]
+
+
+@compile_cached
+def _project_wheels(axes: Array, by_wheel: Array, total: Array) -> None:
+    """Write the sum (3,) over the wheels, in body axes, of a momentum or a torque by wheel along their axes (3, WHEELS)."""
+    for i in range(3):
+        total[i] = 0.0
+        for j in range(WHEELS):
+            total[i] += axes[i, j] * by_wheel[j]
+
+
+@compile_cached
+def _update_roll_and_pitch(seen: Array, biases: Array, quadrants: Mask, angles: Array, estimate: Array) -> None:
+    """Replace roll and pitch of the on-board estimate (3,) by those of the Earth sensor, its biases (4,) taken out, rad."""
+    for j in range(4):
+        angles[j] = seen[j] - biases[j]
+    roll, pitch = compute_roll_pitch(angles, quadrants)
+    if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
+        estimate[0], estimate[1] = roll, pitch
+
+
+@compile_cached
+def _write_telemetry(
+    t: float, error: Array, raw: Array, seen: Array, used: int, normal: bool, state: State, row: Array
+) -> None:
+    """Write one row (21,) of telemetry, in the order of TELEMETRY."""
+    row[0], row[7] = t, state.bias[2]
+    row[12], row[13] = used, 1.0 if normal else 0.0
+    for i in range(3):
+        row[1 + i], row[4 + i], row[14 + i] = error[i], state.estimate[i], raw[i]
+    for j in range(WHEELS):
+        row[8 + j] = state.wheels[j]
+    for j in range(4):
+        row[17 + j] = seen[j]
+
+
+@compile_cached
+def _shift_errors(past: Array, error: Array) -> None:
+    """Move the rows of the past attitude errors (n, 3) down by one, and write the present one (3,) into the first."""
+    for i in range(3):
+        for j in range(len(past) - 1, 0, -1):
+            past[j, i] = past[j - 1, i]
+        past[0, i] = error[i]
+
+
+@compile_cached
 def fly(
     rng: np.random.Generator,
     extra: np.random.Generator,
@@ -216,7 +268,7 @@ def fly(
     count: int,
     orbits: Array,
 ) -> int:
-    """Cycles first … last − 1.
+    """Fly the cycles first … last − 1.
 
     Parameters
     ----------
@@ -241,7 +293,7 @@ def fly(
     error, moved, turned = np.empty(3), np.empty(3), np.empty(3)
     apparent, rate, momentum, torque, outer = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     noise, angles, wheel_torque, reaction = np.empty(8), np.empty(4), np.empty(WHEELS), np.empty(3)
-    sun, position, held, raw, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(4)
+    sun, position, raw, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
     period = 2.0 * math.pi / plant.mean_motion
     for k in range(first, last):
         t = k * dt
@@ -251,15 +303,10 @@ def fly(
         turn_about_z(frame, compute_yaw_command(t, slew))
         compute_rotation_between(state.frame, frame, moved)
         compute_lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
-        at = t / SUN_STEP
-        index = int(at)
-        share = at - index
         for i in range(3):
             position[i] = -plant.radius * lvlh[2, i]
-            sun[i] = (1.0 - share) * plant.sun[index, i] + share * plant.sun[index + 1, i]
-            momentum[i] = 0.0
-            for j in range(WHEELS):
-                momentum[i] += plant.axes[i, j] * state.wheels[j]
+        _interpolate_sun(t, plant.sun, sun)
+        _project_wheels(plant.axes, state.wheels, momentum)
         compute_attitude_matrix(state.q, A)
         compute_rotation_between(frame, A, error)
         slewing = slew.duration > 0.0 and slew.start < t <= slew.start + slew.duration
@@ -275,17 +322,13 @@ def fly(
             propagate_error(state.probe, turned, moved)
         for j in range(8):
             noise[j] = rng.standard_normal()
-        measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, angles)
-        _simulate_horizon(extra, t, A, position, sensors, state, angles)
+        measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, seen)
+        _simulate_horizon(extra, t, A, position, sensors, state, seen)
         used = 0
         for j in range(4):
-            seen[j] = angles[j]
-            angles[j] -= tables.penetration_biases[j]
             used += 1 if state.quadrants[j] else 0
         if used >= 3 and not slewing:
-            roll, pitch = compute_roll_pitch(angles, state.quadrants)
-            if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
-                state.estimate[0], state.estimate[1] = roll, pitch
+            _update_roll_and_pitch(seen, tables.penetration_biases, state.quadrants, angles, state.estimate)
         height = frame[2, 0] * sun[0] + frame[2, 1] * sun[1] + frame[2, 2] * sun[2]
         if height * state.memory[0] < 0.0 and not slewing:
             count = _update_yaw(rng, t, A, frame, sun, error[2], sensors, state, tables, updates, count)
@@ -300,33 +343,20 @@ def fly(
         count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)
         row = k // every
         if k % every == 0 and row < len(telemetry):
-            telemetry[row, 0] = t
-            for i in range(3):
-                telemetry[row, 1 + i], telemetry[row, 4 + i] = error[i], state.estimate[i]
-            telemetry[row, 7] = state.bias[2]
-            for j in range(WHEELS):
-                telemetry[row, 8 + j] = state.wheels[j]
-            telemetry[row, 12], telemetry[row, 13] = used, 1.0 if normal else 0.0
-            for i in range(3):
-                telemetry[row, 14 + i] = raw[i]
-            for j in range(4):
-                telemetry[row, 17 + j] = seen[j]
+            _write_telemetry(t, error, raw, seen, used, normal, state, telemetry[row])
+        _shift_errors(state.past, error)
         for i in range(3):
-            for j in range(len(state.past) - 1, 0, -1):
-                state.past[j, i] = state.past[j - 1, i]
-            state.past[0, i] = error[i]
-            state.moved[i], state.turned[i], reaction[i], held[i] = moved[i], 0.0, 0.0, momentum[i]
+            state.moved[i], state.turned[i] = moved[i], 0.0
             for j in range(3):
                 state.frame[i, j] = frame[i, j]
-            for j in range(WHEELS):
-                reaction[i] += plant.axes[i, j] * wheel_torque[j]
         state.memory[3] += 1.0
+        _project_wheels(plant.axes, wheel_torque, reaction)
         for j in range(WHEELS):
             state.wheels[j] += wheel_torque[j] * dt
         step_rigid_body(
             state.q,
             state.omega,
-            held,
+            momentum,
             body.inertia,
             plant.inverse,
             outer,
