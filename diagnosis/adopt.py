@@ -49,8 +49,8 @@ class Adoption:
         """Describe what was written."""
         if not self.effects:
             return f"a scenario without effects: {self.reason}"
-        rest = [one.label() for one in self.remainder]
-        causes = [one.label() for one in self.effects][: len(self.effects) - len(rest)]
+        rest = [remaining.label() for remaining in self.remainder]
+        causes = [effect.label() for effect in self.effects][: len(self.effects) - len(rest)]
         note = f"{' and' if causes else ''} the remainder as {', '.join(rest)}" if rest else ""
         note += f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
         for label, others in self.instead:
@@ -67,10 +67,10 @@ def adopt_causes(diagnosis: Diagnosis) -> Adoption:
     left_out = tuple(cause.label for cause in named if cause not in flyable)
     parts = [_locate_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
     remainder = tuple(list_remainder_effects(diagnosis, {cause.effect for cause in flyable}))
-    effects = (*(one for one, _, _ in parts), *(one for one, _ in remainder))
-    parts += [(one, [], sigma) for one, sigma in remainder]
+    effects = (*(part for part, _, _ in parts), *(part for part, _ in remainder))
+    parts += [(part, [], sigma) for part, sigma in remainder]
     independent = len(diagnosis.amplitudes.labels)
-    counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
+    counts = [REGISTRY[effect.effect].amplitudes(effect).size for effect in effects]
     rows = [row for (_, places, _), count in zip(parts, counts, strict=True) for row in places or [independent] * count]
     covariance = np.pad(diagnosis.amplitudes.covariance, (0, 1))[np.ix_(rows, rows)]
     alone = [sigma for (_, places, sigma), count in zip(parts, counts, strict=True) if not places for _ in range(count)]
@@ -78,9 +78,11 @@ def adopt_causes(diagnosis: Diagnosis) -> Adoption:
     reason = f"the cause is {diagnosis.verdict}" if not named else ""
     reason = reason or ("" if effects else "its causes act on raw sensor tables, which a replay keeps as they are")
     written = [replace(cause, named=True).label for cause in flyable]
-    others = [(label, tuple(one for one in cause.group if one != label)) for label, cause in zip(written, flyable, strict=True)]
-    instead = tuple(one for one in others if one[1])
-    return Adoption(effects, covariance, left_out, reason, instead, tuple(one for one, _ in remainder))
+    others = [
+        (label, tuple(part for part in cause.group if part != label)) for label, cause in zip(written, flyable, strict=True)
+    ]
+    instead = tuple(part for part in others if part[1])
+    return Adoption(effects, covariance, left_out, reason, instead, tuple(part for part, _ in remainder))
 
 
 def list_remainder_effects(diagnosis: Diagnosis, causes: set[str]) -> Iterator[tuple[Setting, float]]:
@@ -91,12 +93,12 @@ def list_remainder_effects(diagnosis: Diagnosis, causes: set[str]) -> Iterator[t
     diagnosis : the answer
     causes : names of the effects that are put in as causes
     """
-    for one in diagnosis.details.beside:
-        name, unit = PROCESSES.get(one.effect, (one.effect, 1.0))
-        if one.size > 0 and name in REGISTRY and (one.process or one.effect in REGISTRY):
+    for member in diagnosis.details.beside:
+        name, unit = PROCESSES.get(member.effect, (member.effect, 1.0))
+        if member.size > 0 and name in REGISTRY and (member.process or member.effect in REGISTRY):
             known = {parameter.name for parameter in REGISTRY[name].parameters}
-            parameters = {key: value for key, value in one.parameters.items() if key in known}
-            yield setting(name, one.axis, one.size / unit, parameters), one.sigma / unit
+            parameters = {key: value for key, value in member.parameters.items() if key in known}
+            yield setting(name, member.axis, member.size / unit, parameters), member.sigma / unit
     factor = 1.0 if diagnosis.remainder is None else diagnosis.remainder.noise_factor
     if abs(factor - 1) > LEAST_EXCESS and NOISE_EXCESS not in causes:
         yield setting(NOISE_EXCESS, None, factor, {}), 0.0
@@ -114,19 +116,19 @@ def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: P
     """
     adoption = adopt_causes(diagnosis)
     where = os.path.relpath(folder.resolve(), out.resolve().parent)
-    title = f"{recording.title}, {' with '.join(['simulated again', *(one.label() for one in adoption.effects)])}"
+    title = f"{recording.title}, {' with '.join(['simulated again', *(effect.label() for effect in adoption.effects)])}"
     G, bias = diagnosis.G, diagnosis.bias
     return format_adopted(title, where, hash_recording(recording), G, bias, adoption.effects, adoption.covariance), adoption
 
 
-def _locate_amplitudes(cause: Cause, found: Amplitudes) -> tuple[Setting, list[int], float]:
+def _locate_amplitudes(cause: Cause, amplitudes: Amplitudes) -> tuple[Setting, list[int], float]:
     """The setting of a cause, the places of its amplitudes among those found, and its sigma where there are none."""
     effect = REGISTRY[cause.effect]
     known = {parameter.name for parameter in effect.parameters}
     parameters = {name: value for name, value in cause.parameters.items() if name in known}
     made = setting(cause.effect, cause.axis, cause.size, parameters)
-    places = [k for k, label in enumerate(found.labels) if label == cause.label]
+    places = [k for k, label in enumerate(amplitudes.labels) if label == cause.label]
     if len(places) != effect.amplitudes(made).size:
         return made, [], cause.sigma
-    size, held = effect.from_amplitudes(found.values[places])
+    size, held = effect.from_amplitudes(amplitudes.values[places])
     return setting(cause.effect, cause.axis, size, {**parameters, **held}), places, cause.sigma

@@ -78,8 +78,8 @@ def build_diagnosis(
 def list_line_findings(lines: Sequence[Line]) -> tuple[Finding, ...]:
     """List the lines in the spectrum of the samples as findings, with frequency, axis and amplitude in deg/s."""
     return tuple(
-        Finding("gyro stream", None, AXES[one.axis], None, "line", float(np.rad2deg(one.amplitude)), one.p_value, one.text)
-        for one in lines
+        Finding("gyro stream", None, AXES[line.axis], None, "line", float(np.rad2deg(line.amplitude)), line.p_value, line.text)
+        for line in lines
     )
 
 
@@ -126,7 +126,7 @@ def explain_blindness(
 
 def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInference) -> Array | None:
     """Sigmas (12,) of G and b with the causes in the model under the stated noise alone, where a remainder is estimated."""
-    if not (explained.beside and explained.fitted):
+    if not (explained.unnamed and explained.fitted):
         return None
     return np.asarray(np.sqrt(np.diag(calibrate_with_effects(prepared.model, explained.fitted)[1])[:12]))
 
@@ -135,11 +135,11 @@ def _list_attitude_findings(
     explained: AttitudeInference, table: pd.DataFrame, settings: DiagnosisSettings
 ) -> tuple[Finding, ...]:
     """Parts of the recording, and statistics of all references, that depart; the strongest first."""
-    found = [
+    findings = [
         *localization.list_findings(table),
-        *list_findings(explained.left, settings.misfit_share * settings.false_alarm_rate),
+        *list_findings(explained.baseline_checks, settings.misfit_share * settings.false_alarm_rate),
     ]
-    return tuple(sorted(found, key=lambda one: one.p_value))
+    return tuple(sorted(findings, key=lambda finding: finding.p_value))
 
 
 @dataclass(frozen=True)
@@ -178,21 +178,23 @@ def build_answer(
     """The answer of what is seen and explained, whatever the linear model was built from."""
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
-    where = [*(one.finding for one in samples), *seen.where, *seen.lines]
+    where = [*(sample.finding for sample in samples), *seen.where, *seen.lines]
     slots = () if attribution is None else attribution.slots
-    named = [(ALL_EFFECTS[one.effect], one.axis, slot.probability) for slot, one in zip(slots, explained.fitted, strict=False)]
+    named = [
+        (ALL_EFFECTS[item.effect], item.axis, slot.probability) for slot, item in zip(slots, explained.fitted, strict=False)
+    ]
     samples = weigh_consequences(samples, named, settings)
     causes = _merge_causes(samples, explained, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
     unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(samples, settings)))
     present = gap or bool(samples)
-    beside = attribution is not None and attribution.verdict == "partial"
-    verdict = decide_verdict(present, causes, unknown, settings, beside_remainder=beside, blind=bool(seen.blind))
+    is_partial = attribution is not None and attribution.verdict == "partial"
+    verdict = decide_verdict(present, causes, unknown, settings, beside_remainder=is_partial, blind=bool(seen.blind))
     return Diagnosis(
         recording=seen.recording,
         verdict=verdict,
         present=present,
-        p_value=float(min([explained.p_value, *(one.symptom.p_value for one in samples)])),
+        p_value=float(min([explained.p_value, *(item.symptom.p_value for item in samples)])),
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
         causes=causes,
@@ -240,13 +242,13 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
     sigmas: list[float] = []
     places: list[int] = []
     start = 12
-    for one in fitted:
-        count = one.columns.shape[1]
+    for effect in fitted:
+        count = effect.columns.shape[1]
         # The columns of a random process are draws of it, not its amplitudes.
-        if ALL_EFFECTS[one.effect].has_columns and not one.process and one.amplitudes.size == count:
-            labels += [one.label] * count
-            values += one.amplitudes.tolist()
-            sigmas += one.sigmas.tolist()
+        if ALL_EFFECTS[effect.effect].has_columns and not effect.process and effect.amplitudes.size == count:
+            labels += [effect.label] * count
+            values += effect.amplitudes.tolist()
+            sigmas += effect.sigmas.tolist()
             places += range(start, start + count)
         start += count
     joint = covariance[np.ix_(places, places)]
@@ -261,22 +263,22 @@ def _merge_causes(
 
     What the samples show is a finding and no cause where something unlisted makes it more likely.
     """
-    shown = [one.cause(settings) for one in samples if one.effect is not None]
-    shown = [one for one in shown if one.group_probability >= settings.unknown]
+    shown = [sample.cause(settings) for sample in samples if sample.effect is not None]
+    shown = [cause for cause in shown if cause.group_probability >= settings.unknown]
     of_attitude = list_attitude_causes(explained.attribution, explained.fitted, explained.candidates)
-    both = {one.label: one for one in of_attitude if one.label in {other.label for other in shown}}
-    shown = [_combine_cause(one, both[one.label]) if one.label in both else one for one in shown]
-    others = [one for one in of_attitude if one.label not in both]
+    both = {cause.label: cause for cause in of_attitude if cause.label in {shown_cause.label for shown_cause in shown}}
+    shown = [_combine_cause(cause, both[cause.label]) if cause.label in both else cause for cause in shown]
+    others = [cause for cause in of_attitude if cause.label not in both]
     # Beside a remainder, the causes that close most of the misfit come first.
     first = explained.attribution is not None and explained.attribution.verdict == "partial"
     return tuple([*others, *shown] if first else [*shown, *others])
 
 
-def _combine_cause(one: Cause, other: Cause) -> Cause:
+def _combine_cause(first: Cause, second: Cause) -> Cause:
     """Join what two independent parts of the data say of one cause."""
-    better = min(one, other, key=lambda cause: cause.sigma)
-    p = 1 - (1 - one.probability) * (1 - other.probability)
-    group_p = 1 - (1 - one.group_probability) * (1 - other.group_probability)
+    better = min(first, second, key=lambda cause: cause.sigma)
+    p = 1 - (1 - first.probability) * (1 - second.probability)
+    group_p = 1 - (1 - first.group_probability) * (1 - second.group_probability)
     return replace(better, probability=p, group_probability=group_p)
 
 
@@ -289,10 +291,10 @@ def list_attitude_causes(
     levels = [compute_levels(slot.shares, candidates, ALL_EFFECTS) if candidates else None for slot in attribution.slots]
     return tuple(
         Cause(
-            one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters, slot.probability,
-            tuple(label for label, _ in slot.group), slot.group_probability, own, slot.named,
+            effect.effect, effect.axis, effect.size, effect.unit, effect.sigma, effect.parameters, slot.probability,
+            tuple(label for label, _ in slot.group), slot.group_probability, level, slot.named,
         )
-        for slot, one, own in zip(attribution.slots, fitted, levels, strict=True)
+        for slot, effect, level in zip(attribution.slots, fitted, levels, strict=True)
     )  # fmt: skip
 
 
@@ -304,7 +306,7 @@ def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) 
         out[name] = float(test.p_value)
     if prepared.reference_noise is not None:
         out["reference_noise"] = float(prepared.reference_noise.p_value)
-    out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
+    out.update({f"misfit: {check.name}": check.p_value for check in explained.baseline_checks})
     return out
 
 
@@ -314,7 +316,7 @@ def list_next_explanations(attribution: Attribution | None) -> Explanations:
         return ()
     best = tuple(slot.label for slot in attribution.slots)
     return tuple(
-        (one.labels, one.probability)
-        for one in attribution.ranked[:SHOWN_EXPLANATIONS]
-        if one.labels and set(one.labels) != set(best) and one.probability > WORTH_SHOWING
+        (explanation.labels, explanation.probability)
+        for explanation in attribution.ranked[:SHOWN_EXPLANATIONS]
+        if explanation.labels and set(explanation.labels) != set(best) and explanation.probability > WORTH_SHOWING
     )

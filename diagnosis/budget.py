@@ -59,7 +59,7 @@ class Step:
         """Return the step as in the documented format."""
         out = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
         out |= {name: list(out[name]) for name in ("interval_90", "ramp") if out[name] is not None}
-        return {**out, "by_part": [vars(one).copy() for one in self.by_part]}
+        return {**out, "by_part": [vars(part).copy() for part in self.by_part]}
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class HeldOut:
 def predict_held_out(
     model: RecordingModel,
     effects: Sequence[FittedEffect],
-    beside: Sequence[FittedEffect] = (),
+    unnamed: Sequence[FittedEffect] = (),
     sets: Sequence[Sequence[int]] | None = None,
 ) -> HeldOut:
     """Predict every held-out part by M0 alone, with the first effect, with the first two, and so on.
@@ -152,16 +152,18 @@ def predict_held_out(
     ----------
     model : the recording
     effects : in the order of the budget
-    beside : members of the remainder, which are in the model of what is learnt from and predict nothing
+    unnamed : members of the remainder, which are in the model of what is learnt from and predict nothing
     sets : places of the effects that are in at each step instead
     """
     sets = [range(count) for count in range(len(effects) + 1)] if sets is None else sets
     none = np.zeros((model.size, 0))
-    W = np.hstack([none, *(one.columns * one.prior_sigma for one in effects)])
-    rest = np.hstack([none, *(one.columns * one.prior_sigma for one in beside)])
-    shifts = np.column_stack([none, *(one.shift for one in effects), sum((one.shift for one in beside), np.zeros(model.size))])
-    owner = np.repeat(np.arange(len(effects)), [one.columns.shape[1] for one in effects])
-    return collect_held_out(model, _predict_parts(model, W, rest, shifts, [np.isin(owner, own) for own in sets], sets))
+    W = np.hstack([none, *(fitted.columns * fitted.prior_sigma for fitted in effects)])
+    rest = np.hstack([none, *(fitted.columns * fitted.prior_sigma for fitted in unnamed)])
+    shifts = np.column_stack(
+        [none, *(fitted.shift for fitted in effects), sum((fitted.shift for fitted in unnamed), np.zeros(model.size))]
+    )
+    owner = np.repeat(np.arange(len(effects)), [effect.columns.shape[1] for effect in effects])
+    return collect_held_out(model, _predict_parts(model, W, rest, shifts, [np.isin(owner, chosen) for chosen in sets], sets))
 
 
 def _predict_parts(
@@ -175,15 +177,15 @@ def _predict_parts(
     columns = np.hstack([W, rest, shifts])
     for out in list_parts(model):
         known = condition_rows(model, columns, out)
-        beside = np.arange(places[1], places[2])
+        always = np.arange(places[1], places[2])
         errors = []
         for columns_of_step, shifts_of_step in zip(columns_in, shifts_in, strict=True):
-            own = np.flatnonzero(columns_of_step)
+            chosen = np.flatnonzero(columns_of_step)
             held = places[2] + np.array(shifts_of_step, dtype=int)
-            A = known.train_X[:, np.append(own, beside)]
+            A = known.train_X[:, np.append(chosen, always)]
             y = known.train_y - known.train_X[:, np.append(held, places[3] - 1)].sum(axis=1)
-            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: own.size]
-            errors.append(known.error_y - known.error_X[:, own] @ a - known.error_X[:, held].sum(axis=1))
+            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: chosen.size]
+            errors.append(known.error_y - known.error_X[:, chosen] @ a - known.error_X[:, held].sum(axis=1))
         e = np.column_stack(errors)
         yield out, e, whiten_prediction(known, e)
 
@@ -194,9 +196,9 @@ def list_parts(model: RecordingModel) -> Iterator[Mask]:
     yield from (fold == number for number in np.unique(fold) if (fold != number).any())
 
 
-def whiten_prediction(told: ConditionedRows, errors: Array) -> Array:
+def whiten_prediction(conditioned: ConditionedRows, errors: Array) -> Array:
     """Whiten errors (s, k) of a prediction by their covariance."""
-    factor = np.linalg.cholesky(told.covariance)
+    factor = np.linalg.cholesky(conditioned.covariance)
     return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))
 
 
@@ -205,19 +207,19 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
     squares, degrees, dof, names = [], [], [], []
     for out, errors, white in predicted:
         owner = np.repeat(model.observation_block, 3)[out]
-        for one in np.unique(owner):
-            mine = owner == one
+        for number in np.unique(owner):
+            mine = owner == number
             squares.append((white[mine] ** 2).sum(axis=0))
             degrees.append((np.rad2deg(errors[mine]) ** 2).sum(axis=0))
             dof.append(float(mine.sum()))
-            names.append(model.recording.intervals[model.blocks[one].interval].name)
+            names.append(model.recording.intervals[model.blocks[number].interval].name)
     return HeldOut(np.array(squares), np.array(degrees), np.array(dof), tuple(names))
 
 
-def is_surely_closing(model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect], k: int) -> bool:
+def is_surely_closing(model: RecordingModel, effects: Sequence[FittedEffect], unnamed: Sequence[FittedEffect], k: int) -> bool:
     """Tell whether the 90 % interval of what the k-th effect closes beside all others is above zero."""
     others = [place for place in range(len(effects)) if place != k]
-    held = predict_held_out(model, effects, beside, [(), others, range(len(effects))])
+    held = predict_held_out(model, effects, unnamed, [(), others, range(len(effects))])
     return held.closed(1, 2)[1][0] > 0
 
 
@@ -226,7 +228,7 @@ def summarise_closure(held: HeldOut) -> Closure:
     last = held.squares.shape[1] - 1
     closed, interval = held.closed(0, last)
     names = list(dict.fromkeys(held.interval))
-    rows = [(name, np.array([one == name for one in held.interval])) for name in names]
+    rows = [(name, np.array([interval_name == name for interval_name in held.interval])) for name in names]
     table = pd.DataFrame(
         {
             "interval": names,
@@ -243,38 +245,38 @@ def summarise_closure(held: HeldOut) -> Closure:
 def measure_causes(
     model: RecordingModel,
     effects: Sequence[FittedEffect],
-    beside: Sequence[FittedEffect],
+    unnamed: Sequence[FittedEffect],
     probabilities: Sequence[float],
 ) -> tuple[HeldOut, tuple[Step, ...]]:
     """Measure causes on held-out data and by part.
 
     Parameters
     ----------
-    model, effects, beside : as for `predict_held_out`
+    model, effects, unnamed : as for `predict_held_out`
     probabilities : of each effect
     """
-    held = predict_held_out(model, effects, beside)
+    held = predict_held_out(model, effects, unnamed)
     misfit, degrees = held.misfit, held.misfit_deg
-    rest = [(one.columns, one.prior_sigma) for one in beside]
+    rest = [(fitted.columns, fitted.prior_sigma) for fitted in unnamed]
     changes = [
-        calibrate_beside(model, [*rest, *((one.columns, one.prior_sigma) for one in effects[:count])])[0]
+        calibrate_beside(model, [*rest, *((effect.columns, effect.prior_sigma) for effect in effects[:count])])[0]
         for count in range(len(effects) + 1)
     ]
     steps = [Step("baseline", float(misfit[0]), float(degrees[0]))]
-    for k, (one, probability) in enumerate(zip(effects, probabilities, strict=True)):
-        parts_of = estimate_by_part(model, effects, beside, k)
+    for k, (fitted, probability) in enumerate(zip(effects, probabilities, strict=True)):
+        parts_of = estimate_by_part(model, effects, unnamed, k)
         closed, interval = held.closed(k, k + 1)
         delta = changes[k + 1] - changes[k]
         steps.append(
             Step(
-                one.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, parts_of.mean,
-                max(parts_of.sigma, one.sigma), one.unit, parts_of.parts, parts_of.heterogeneity_p, parts_of.spread,
+                fitted.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, parts_of.mean,
+                max(parts_of.sigma, fitted.sigma), fitted.unit, parts_of.parts, parts_of.heterogeneity_p, parts_of.spread,
                 parts_of.ramp, delta[:9].reshape(3, 3), np.rad2deg(delta[9:]),
             )
         )  # fmt: skip
-    left = 1.0 - held.closed(0, len(effects))[0]
+    unexplained = 1.0 - held.closed(0, len(effects))[0]
     low, high = held.closed(0, len(effects))[1]
-    steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), left, (1 - high, 1 - low)))
+    steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), unexplained, (1 - high, 1 - low)))
     expected = float(degrees[-1] / np.sqrt(max(misfit[-1], FLOOR)))
     steps.append(Step("floor", FLOOR, expected))
     return held, tuple(steps)

@@ -70,7 +70,7 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
         explanations=tabulate_explanations(explained.attribution),
         stream=test_table(prepared.samples.tests),
         fitted=explained.fitted,
-        beside=explained.beside,
+        beside=explained.unnamed,
     )
 
 

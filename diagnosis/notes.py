@@ -41,22 +41,23 @@ def explain_fitting_residuals(
     prepared: PreparedRecording, samples: Sequence[SampleCause], explained: AttitudeInference, gap: bool
 ) -> tuple[str, ...]:
     """Explain a gap although the residuals of a calibration fit the stated noise."""
-    own = prepared.model
+    model = prepared.model
     if not (gap or samples):
         return ()
     # As a calibration has it: all references, the samples as they are, and the noise as stated.
-    e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias))
+    e, _, taken = compute_innovations(linearise_recording(model.recording, model.G, model.bias))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
     if p < FITS:
         return ()
     why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
     if gap and explained.fitted:
-        left = own.y - sum((own.project_out_nuisance(one.contribution) for one in explained.fitted), np.zeros(own.size))
-        names = " and ".join(one.label for one in explained.fitted)
-        why.append(
-            f"{names} takes {own.y @ own.y - left @ left:.0f} off χ², much for what it adds and little for {dof} residuals"
+        remaining = model.y - sum(
+            (model.project_out_nuisance(effect.contribution) for effect in explained.fitted), np.zeros(model.size)
         )
+        names = " and ".join(effect.label for effect in explained.fitted)
+        gain = model.y @ model.y - remaining @ remaining
+        why.append(f"{names} takes {gain:.0f} off χ², which is much for it and little for {dof} residuals")
     elif gap:
         why.append(f"what departs is a few of {dof} residuals, or a pattern in them, for which χ² is no test")
     return (
@@ -67,25 +68,25 @@ def explain_fitting_residuals(
 
 def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
     """A sentence for each effect that the samples show, and that would not behave so."""
-    for one in samples:
-        if one.effect is not None and one.symptom.likeness < 1 - settings.named:
-            cause = one.cause(settings)
+    for sample in samples:
+        if sample.effect is not None and sample.symptom.likeness < 1 - settings.named:
+            cause = sample.cause(settings)
             yield (
                 f"{cause.label} would show in the samples as something does, but hardly in this way "
-                f"(p = {one.symptom.likeness:.1g}); its probability is {cause.group_probability:.2f}"
+                f"(p = {sample.symptom.likeness:.1g}); its probability is {cause.group_probability:.2f}"
             )
 
 
 def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
     """List noise levels that are wrong by the factor of another unit."""
-    for one in samples:
+    for sample in samples:
         off = [
-            (abs(np.log(max(one.symptom.size, LEAST_POSITIVE) / ratio)), what)
-            for ratio, what in MISTAKEN.get(one.symptom.kind, ())
+            (abs(np.log(max(sample.symptom.size, LEAST_POSITIVE) / ratio)), what)
+            for ratio, what in MISTAKEN.get(sample.symptom.kind, ())
         ]
         least, what = min(off, default=(np.inf, ""))
-        if one.effect is not None and least < ALIKE:
-            yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
+        if sample.effect is not None and least < ALIKE:
+            yield f"{sample.effect} is about {what}: look at the number that is stated, and its unit"
 
 
 def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSettings) -> tuple[str, ...]:
@@ -94,9 +95,9 @@ def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSetting
     if attribution is None or attribution.verdict != "unknown":
         return ()
     shares: dict[str, float] = {}
-    for one in attribution.ranked:
-        for label in one.labels:
-            shares[label] = shares.get(label, 0.0) + one.probability
+    for explanation in attribution.ranked:
+        for label in explanation.labels:
+            shares[label] = shares.get(label, 0.0) + explanation.probability
     listed = {candidate.label for candidate in explained.candidates if candidate.listed}
     return tuple(
         f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"

@@ -27,7 +27,7 @@ def summarise_remainder(
     model: RecordingModel,
     budget: Sequence[Step],
     fitted: Sequence[FittedEffect],
-    beside: Sequence[FittedEffect],
+    unnamed: Sequence[FittedEffect],
     p_bounds: Mapping[str, float],
 ) -> RemainderSummary:
     """Summarise what no cause explains.
@@ -37,25 +37,25 @@ def summarise_remainder(
     model : the recording
     budget : steps on held-out data; the last but one is the remainder's
     fitted : the causes
-    beside : members of the remainder
+    unnamed : members of the remainder
     p_bounds : bound on the p-value of each member by its label
     """
     last = budget[-2]
 
     def size(name: str, axis: str | None) -> float:
-        own = (one for one in beside if one.process and one.effect.startswith(name) and one.axis == axis)
-        return float(np.sqrt(sum(one.size**2 for one in own)))
+        chosen = (effect for effect in unnamed if effect.process and effect.effect.startswith(name) and effect.axis == axis)
+        return float(np.sqrt(sum(effect.size**2 for effect in chosen)))
 
-    powers = [float(np.sum(model.project_out_nuisance(one.contribution) ** 2)) for one in beside]
-    strongest = beside[int(np.argmax(powers))]
+    powers = [float(np.sum(model.project_out_nuisance(effect.contribution) ** 2)) for effect in unnamed]
+    strongest = unnamed[int(np.argmax(powers))]
     return RemainderSummary(
         last.closed or 0.0, last.interval_90 or (0.0, 0.0),
         tuple(float(np.rad2deg(size(BIAS_WANDERS, axis))) * 3600 for axis in AXES),
         tuple(float(np.rad2deg(size(REFERENCES_WANDER, axis))) for axis in AXES),
         size(TAGS_WANDER, None), float(np.sqrt(sum(size(SCALE_WANDERS, axis) ** 2 for axis in AXES))),
-        estimate_noise_factor(model, [*fitted, *beside]),
-        find_remainder_side(beside, powers), float(strongest.parameters.get("time_constant_s", 0.0)),
-        find_regressors(model, fitted, beside, p_bounds),
+        estimate_noise_factor(model, [*fitted, *unnamed]),
+        find_remainder_side(unnamed, powers), float(strongest.parameters.get("time_constant_s", 0.0)),
+        find_regressors(model, fitted, unnamed, p_bounds),
     )  # fmt: skip
 
 
@@ -64,21 +64,21 @@ def estimate_noise_factor(model: RecordingModel, members: Sequence[FittedEffect]
 
     Under y ~ N(0, φ S) with S = I + C Cᵀ of columns in units of their priors, yᵀ S⁻¹ y is φ times its degrees of freedom.
     """
-    C = np.hstack([model.project_out_nuisance(one.columns * one.prior_sigma) for one in members])
-    y = model.y - sum((model.project_out_nuisance(one.shift) for one in members), np.zeros(model.size))
+    C = np.hstack([model.project_out_nuisance(member.columns * member.prior_sigma) for member in members])
+    y = model.y - sum((model.project_out_nuisance(fitted.shift) for fitted in members), np.zeros(model.size))
     along = C.T @ y
-    left = float(y @ y - along @ np.linalg.solve(np.eye(along.size) + C.T @ C, along))
-    return float(np.sqrt(max(left, 0.0) / max(model.degrees_of_freedom, 1)))
+    remaining = float(y @ y - along @ np.linalg.solve(np.eye(along.size) + C.T @ C, along))
+    return float(np.sqrt(max(remaining, 0.0) / max(model.degrees_of_freedom, 1)))
 
 
-def find_remainder_side(beside: Sequence[FittedEffect], powers: Sequence[float]) -> str:
+def find_remainder_side(unnamed: Sequence[FittedEffect], powers: Sequence[float]) -> str:
     """Find the side that members of a remainder act on: gyro, references or time tags, by their powers (k,).
 
     Undecided where none has `DECISIVE` of the power: errors of a gyro that wanders are mistaken for wandering references.
     """
     sides: dict[str, float] = {}
-    for one, power in zip(beside, powers, strict=True):
-        side = "time tags" if one.effect in CLOCKS else "reference" if one.effect.startswith("reference") else "gyro"
+    for effect, power in zip(unnamed, powers, strict=True):
+        side = "time tags" if effect.effect in CLOCKS else "reference" if effect.effect.startswith("reference") else "gyro"
         sides[side] = sides.get(side, 0.0) + power
     side, most = max(sides.items(), key=lambda pair: pair[1])
     return side if most >= DECISIVE * sum(sides.values()) else UNDECIDED
@@ -87,15 +87,15 @@ def find_remainder_side(beside: Sequence[FittedEffect], powers: Sequence[float])
 def find_regressors(
     model: RecordingModel,
     fitted: Sequence[FittedEffect],
-    beside: Sequence[FittedEffect],
+    unnamed: Sequence[FittedEffect],
     p_bounds: Mapping[str, float],
 ) -> tuple[Regressor, ...]:
     """Find what the remainder follows: its shapes, with the share of the held-out misfit that each closes beside the causes.
 
     A shape is reported only if the 90 % interval of that share is above zero.
     """
-    random = [one for one in beside if one.process]
-    shapes = [one for one in beside if not one.process][:MOST_REGRESSORS]
+    random = [effect for effect in unnamed if effect.process]
+    shapes = [effect for effect in unnamed if not effect.process][:MOST_REGRESSORS]
     held = predict_held_out(model, [*fitted, *shapes], random) if shapes else None
     out = []
     for number, shape in enumerate(shapes, len(fitted)):

@@ -64,34 +64,34 @@ def name_parts(model: RecordingModel) -> NDArray[np.str_]:
 
 
 def estimate_by_part(
-    model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect], number: int
+    model: RecordingModel, effects: Sequence[FittedEffect], unnamed: Sequence[FittedEffect], number: int
 ) -> Replication:
     """Estimate the size of one effect in each part of the recording, the others and the remainder held in the model.
 
     Parameters
     ----------
     model : the recording
-    effects, beside : causes, and members of the remainder
+    effects, unnamed : causes, and members of the remainder
     number : which of the effects
     """
-    one = effects[number]
-    if one.process:  # its size is a standard deviation; a part of it has none of its own
-        return Replication((), 1.0, one.size, one.sigma)
-    shape = one.contribution
+    effect = effects[number]
+    if effect.process:  # its size is a standard deviation; a part of it has none of its own
+        return Replication((), 1.0, effect.size, effect.sigma)
+    shape = effect.contribution
     names = np.repeat(name_parts(model), 3)
     parts = list(dict.fromkeys(names.tolist()))
-    own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
-    others = [other for k, other in enumerate(effects) if k != number] + list(beside)
-    if one.effect in DELAYS:  # whose sizes by part are the delays there, whatever else the clocks do
-        others = [other for other in others if other.effect not in CLOCKS]
-    scaled = [other.columns * other.prior_sigma for other in others]
-    left = model.y - sum((model.project_out_nuisance(other.shift) for other in others), np.zeros(model.size))
-    columns = model.project_out_nuisance(np.hstack([own, *scaled]))
+    by_part = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
+    others = [rival for k, rival in enumerate(effects) if k != number] + list(unnamed)
+    if effect.effect in DELAYS:  # whose sizes by part are the delays there, whatever else the clocks do
+        others = [rival for rival in others if rival.effect not in CLOCKS]
+    scaled = [rival.columns * rival.prior_sigma for rival in others]
+    observed = model.y - sum((model.project_out_nuisance(rival.shift) for rival in others), np.zeros(model.size))
+    columns = model.project_out_nuisance(np.hstack([by_part, *scaled]))
     prior = np.concatenate([np.full(len(parts), PRIOR**-2), np.ones(columns.shape[1] - len(parts))])
     covariance = np.linalg.inv(columns.T @ columns + np.diag(prior))
-    found = covariance @ (columns.T @ left)
-    sizes = found[: len(parts)] * one.size
-    spread = covariance[: len(parts), : len(parts)] * one.size**2
+    estimate = covariance @ (columns.T @ observed)
+    sizes = estimate[: len(parts)] * effect.size
+    spread = covariance[: len(parts), : len(parts)] * effect.size**2
     times = np.array([np.repeat(model.observation_t_s, 3)[names == name].mean() for name in parts])
     return combine_parts(parts, np.asarray(sizes), np.asarray(spread), times)
 
@@ -101,7 +101,9 @@ def combine_parts(names: Sequence[str], sizes: Array, covariance: Array, t_s: Ar
     sigmas = np.sqrt(np.diag(covariance))
     seen = sigmas <= WIDEST * sigmas.min()
     shown, sigma = sizes[seen], sigmas[seen]
-    parts = tuple(PartSize(*one) for one in zip(np.array(names)[seen].tolist(), shown.tolist(), sigma.tolist(), strict=True))
+    parts = tuple(
+        PartSize(*values) for values in zip(np.array(names)[seen].tolist(), shown.tolist(), sigma.tolist(), strict=True)
+    )
     if shown.size < 2:
         return Replication(parts, 1.0, float(shown[0]), float(sigma[0]))
     weights = sigma**-2

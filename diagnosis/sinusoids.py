@@ -102,7 +102,7 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
         segments = np.array([x[start : start + length] for start in places[first : first + some]])
         power += (np.abs(scipy.fft.rfft(remove_line(segments) * taper, axis=1)) ** 2).sum(axis=0)
     power /= places.size * np.sum(taper**2)
-    count = np.array([_count_independent_segments([own.size for own in starts], taper, step)])
+    count = np.array([_count_independent_segments([segment_starts.size for segment_starts in starts], taper, step)])
     amplitude = float(2 * np.sqrt(np.sum(taper**2)) / np.sum(taper))
     return Spectrum(np.arange(power.size) / (length * sample_s), power, count, amplitude)
 
@@ -194,18 +194,18 @@ def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | floa
 
 def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = STEPS) -> SinusoidFit:
     """Fit a sinusoid near a frequency, at most so far from it."""
-    found, sigma_hz = frequency_hz, 0.0
+    fitted_hz, sigma_hz = frequency_hz, 0.0
     for _ in range(steps):
-        step, sigma_hz = _compute_step(pieces, found)
-        found = float(np.clip(found + step, frequency_hz - reach_hz, frequency_hz + reach_hz))
+        step, sigma_hz = _compute_step(pieces, fitted_hz)
+        fitted_hz = float(np.clip(fitted_hz + step, frequency_hz - reach_hz, frequency_hz + reach_hz))
     amplitudes, variances, residuals = [], [], []
     for piece in pieces:
-        waves = piece.observe(make_waves(found, piece.t_s))
+        waves = piece.observe(make_waves(fitted_hz, piece.t_s))
         amplitude, variance, residual = _solve(waves, piece.data)
         amplitudes.append(amplitude)
         variances.append(2 * variance / max(float(np.sum(waves**2)), NO_NOISE))
         residuals.append(residual)
-    return SinusoidFit(found, sigma_hz, np.array(amplitudes), np.array(variances), tuple(residuals))
+    return SinusoidFit(fitted_hz, sigma_hz, np.array(amplitudes), np.array(variances), tuple(residuals))
 
 
 def _solve(waves: Array, data: Array) -> tuple[Array, float, Array]:
@@ -224,8 +224,8 @@ def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, 
         (s, c), variance, residual = _solve(waves, piece.data)
         elapsed = piece.t_s - piece.t_s.mean()
         turned = piece.observe((2 * np.pi * elapsed * (plain @ np.array([-c, s])))[:, None])[:, 0]
-        own = turned - waves @ np.linalg.lstsq(waves, turned, rcond=None)[0]
-        top, bottom = top + float(own @ residual) / variance, bottom + float(own @ own) / variance
+        slope = turned - waves @ np.linalg.lstsq(waves, turned, rcond=None)[0]
+        top, bottom = top + float(slope @ residual) / variance, bottom + float(slope @ slope) / variance
     return (top / bottom, 1 / float(np.sqrt(bottom))) if bottom > 0 else (0.0, 0.0)
 
 

@@ -87,7 +87,7 @@ def _estimate_member(search: Search, members: tuple[SelectedCandidate, ...], pla
     table = search.tables(member.candidate, given) + entry.log_weights[:, None]
     weights = np.exp(table - logsumexp(table))
     # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
-    alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
+    alike = [k for k, choice in enumerate(entry.options) if entry.process or choice.count == option.count]
     alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
     products = {k: _compute_member_products(search, member.candidate, k, given) for k in alike}
     if entry.process:
@@ -104,9 +104,9 @@ def _estimate_member(search: Search, members: tuple[SelectedCandidate, ...], pla
         if len(own_kind) < len(alike):
             sigma = _compute_alternative_sigma(entry, products, weights, alike, member.option, size, sigma)
         shown = {**_summarise_parameters(entry, weights, member.option), **more}
-    own, _, shifts = model.build_design((member,))
+    member_columns, _, shifts = model.build_design((member,))
     return FittedEffect(
-        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], values,
+        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, member_columns], values,
         np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
 
@@ -142,8 +142,8 @@ def _compute_alternative_sigma(
     """
     square, total = 0.0, 0.0
     kinds = [_select_text_parameters(entry.options[k]) for k in alike]
-    for kind in [one for place, one in enumerate(kinds) if one not in kinds[:place]]:
-        some = [k for k, one in zip(alike, kinds, strict=True) if one == kind]
+    for kind in [other_kind for place, other_kind in enumerate(kinds) if other_kind not in kinds[:place]]:
+        some = [k for k, other_kind in zip(alike, kinds, strict=True) if other_kind == kind]
         share, away = float(weights[some].sum()), sigma**2
         if held not in some:
             values, spread = _average_options(entry, products, weights, some, some[0])
@@ -199,8 +199,8 @@ def _align_phases(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]]
     means = [w @ mean / w.sum() for w, (mean, _) in zip(weights, parts, strict=True)]
     phases = [np.arctan2(mean[1::2], mean[::2]) for mean in means]
     out = []
-    for own, (mean, covariance) in zip(phases, parts, strict=True):
-        cosines, sines = np.cos(phases[held] - own), np.sin(phases[held] - own)
+    for phase, (mean, covariance) in zip(phases, parts, strict=True):
+        cosines, sines = np.cos(phases[held] - phase), np.sin(phases[held] - phase)
         turn = scipy.linalg.block_diag(*np.array([[cosines, -sines], [sines, cosines]]).transpose(2, 0, 1))
         out.append((mean @ turn.T, turn @ covariance @ turn.T))
     return out
@@ -212,14 +212,14 @@ def _summarise_parameters(entry: Candidate, weights: Array, best: int) -> Parame
     share = weights.sum(axis=1)
     names = _select_text_parameters(entry.options[best])
     of_names = float(
-        sum(one for one, option in zip(share, entry.options, strict=True) if _select_text_parameters(option) == names)
+        sum(item for item, option in zip(share, entry.options, strict=True) if _select_text_parameters(option) == names)
         / share.sum()
     )
     if of_names < CERTAIN:
         shown |= {f"{name}{PROBABILITY}": of_names for name in names}
     if PERIOD_WIDTH in entry.options[best].parameters:
         # Of the option itself, since its phase is that of its own period.
-        others = np.array([[float(one.parameters[name]) for name in (PERIOD_KEY, PERIOD_WIDTH)] for one in entry.options])
+        others = np.array([[float(item.parameters[name]) for name in (PERIOD_KEY, PERIOD_WIDTH)] for item in entry.options])
         away = (others[:, 0] - float(shown[PERIOD_KEY])) ** 2 + others[:, 1] ** 2
         shown[PERIOD_WIDTH] = float(np.sqrt(share @ away / share.sum()))
     if TIME_KEY in shown:

@@ -78,43 +78,43 @@ def rank_explanations(
 
     Random processes are stated by their character, and then are nothing unlisted.
     """
-    norm, found = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
-    for one in explanations:
-        entries = [model.candidate(member) for member in one.members]
+    norm, ranked = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
+    for explanation in explanations:
+        entries = [model.candidate(member) for member in explanation.members]
         labels = tuple(label_by_character(entry.label) if by_character and entry.process else entry.label for entry in entries)
-        probability = float(np.exp(one.log_posterior - norm))
+        probability = float(np.exp(explanation.log_posterior - norm))
         unlisted = not all(entry.listed or (entry.process and by_character) for entry in entries)
-        first = found.setdefault(labels, RankedExplanation(labels, 0.0, one.log_evidence, unlisted))
-        found[labels] = replace(first, probability=first.probability + probability)
-    return tuple(found.values())
+        first = ranked.setdefault(labels, RankedExplanation(labels, 0.0, explanation.log_evidence, unlisted))
+        ranked[labels] = replace(first, probability=first.probability + probability)
+    return tuple(ranked.values())
 
 
 def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:
     """Rank sets of effects, the likeliest first, without naming a cause: for what is told by the sets themselves."""
     ranked = rank_explanations(model, explanations, by_character=False)
-    return Attribution("unknown", explanations[0], (), sum(one.probability for one in ranked if one.unlisted), ranked)
+    return Attribution("unknown", explanations[0], (), sum(entry.probability for entry in ranked if entry.unlisted), ranked)
 
 
 def attribute(
-    found: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
+    attribution: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
 ) -> Attribution:
     """Say what the causes of an attribution amount to, beside a remainder or without one."""
     if not slots:
-        return replace(found, verdict="unknown", slots=())
+        return replace(attribution, verdict="unknown", slots=())
     if remainder:
-        return replace(found, verdict="partial", slots=slots)
+        return replace(attribution, verdict="partial", slots=slots)
     named = all(slot.named and slot.probability >= settings.named for slot in slots)
-    return replace(found, verdict="named" if named else "group", slots=slots)
+    return replace(attribution, verdict="named" if named else "group", slots=slots)
 
 
 def build_unknown_attribution(p_value: float) -> Attribution:
     """Compare M0 with an effect outside the library, equally probable a priori, for a gap that no candidate explains."""
     unknown = 1 / (1 + compute_bayes_factor_bound(p_value))
-    nothing, other = (
+    nothing, something = (
         RankedExplanation((), 1 - unknown, 0.0, False),
         RankedExplanation(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
     )
-    return Attribution("unknown", BASELINE_EXPLANATION, (), unknown, (other, nothing))
+    return Attribution("unknown", BASELINE_EXPLANATION, (), unknown, (something, nothing))
 
 
 def rank_weak_effects(
@@ -135,12 +135,12 @@ def rank_weak_effects(
     hidden = float(np.log(settings.unlisted_share / compute_bayes_factor_bound(p_value)))
     norm = float(np.logaddexp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]), hidden))
     share = float(np.exp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]) - norm))
-    found = [
-        replace(one, probability=one.probability * share)
-        for one in rank_explanations(model, [BASELINE_EXPLANATION, *explanations])
+    ranked = [
+        replace(entry, probability=entry.probability * share)
+        for entry in rank_explanations(model, [BASELINE_EXPLANATION, *explanations])
     ]
-    found.append(RankedExplanation(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
-    return tuple(sorted(found, key=lambda one: -one.probability))
+    ranked.append(RankedExplanation(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
+    return tuple(sorted(ranked, key=lambda entry: -entry.probability))
 
 
 def compute_bayes_factor_bound(p_value: float) -> float:

@@ -40,21 +40,21 @@ def compute_closure(model: LinearModel, members: Sequence[SelectedCandidate]) ->
     """
     listed = sorted(members, key=lambda member: not model.candidate(member).listed)
     places, scale, shifts = model.build_design(listed)
-    own = model.build_design([member for member in listed if model.candidate(member).listed])[0].size
+    listed_count = model.build_design([member for member in listed if model.candidate(member).listed])[0].size
     columns = np.hstack([model.W[:, places] * scale, model.W[:, shifts].sum(axis=1)[:, None]])
     folds = list(model.folds(columns))
-    errors = [_predict(fold, own) for fold in folds]
+    errors = [_predict(fold, listed_count) for fold in folds]
     return average_closure(errors, folds, model.split) if folds else None
 
 
-def _predict(fold: Fold, own: int) -> Array:
+def _predict(fold: Fold, listed_count: int) -> Array:
     """(s, 2) errors of the held-out rows before and after the first `own` columns and the shift, which is the last one.
 
     The amplitudes have the prior of the evidence, so that a fold invents no amplitude that it cannot see.
     """
     A, shift = fold.train_X[:, :-1], fold.train_X[:, -1]
     amplitudes = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ (fold.train_y - shift))
-    predicted = fold.left_X[:, :own] @ amplitudes[:own] + fold.left_X[:, -1]
+    predicted = fold.left_X[:, :listed_count] @ amplitudes[:listed_count] + fold.left_X[:, -1]
     return np.column_stack([fold.left_y, fold.left_y - predicted])
 
 

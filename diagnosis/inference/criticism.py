@@ -80,22 +80,24 @@ def combine_checks(checks: Sequence[Check]) -> float:
     return min([1.0, *(check.p_value * len(checks) for check in checks)])
 
 
-def check_innovations(found: Innovations, layout: Layout, noise_degrees: float = np.inf) -> Iterator[Check]:
+def check_innovations(innovations: Innovations, layout: Layout, noise_degrees: float = np.inf) -> Iterator[Check]:
     """Test whether innovations are white noise of variance one.
 
     Parameters
     ----------
-    found, layout : the innovations, and what they stand for
+    innovations, layout : the innovations, and what they stand for
     noise_degrees : degrees of freedom of an estimated noise level, with which the size has an F distribution
         (`gyrocal.calibration.estimated_noise`)
     """
-    size = float(np.sum(found.e**2))
-    larger = compute_chi2_p(size, found.dof, noise_degrees)
-    yield _build_check("size", size, found.dof, 2 * min(larger, compute_smaller_chi2_p(size, found.dof, noise_degrees)))
-    yield _test_regressors(found, layout.regressors)
-    yield _test_correlation(found, layout.interval)
-    seen = found.remaining_variance > SHOWN
-    standard = found.e / np.sqrt(np.where(seen, found.remaining_variance, 1.0))
+    size = float(np.sum(innovations.e**2))
+    larger = compute_chi2_p(size, innovations.dof, noise_degrees)
+    yield _build_check(
+        "size", size, innovations.dof, 2 * min(larger, compute_smaller_chi2_p(size, innovations.dof, noise_degrees))
+    )
+    yield _test_regressors(innovations, layout.regressors)
+    yield _test_correlation(innovations, layout.interval)
+    seen = innovations.remaining_variance > SHOWN
+    standard = innovations.e / np.sqrt(np.where(seen, innovations.remaining_variance, 1.0))
     yield _test_scatter(np.where(seen, (np.abs(standard) ** POWER - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout)
     kurtosis, p = compute_kurtosis(standard[seen])
     yield _build_check("shape", kurtosis, 3.0, p)
@@ -118,23 +120,23 @@ def _build_check(name: str, value: float, expected: float, p_value: float) -> Ch
     return Check(name, value, float(expected), float(np.clip(p_value, LEAST_POSITIVE, 1.0)))
 
 
-def _test_regressors(found: Innovations, regressors: Array) -> Check:
+def _test_regressors(innovations: Innovations, regressors: Array) -> Check:
     """Test the components of the innovations along regressors (r, k) about each axis."""
-    basis = found.basis.reshape(found.e.size, -1)
+    basis = innovations.basis.reshape(innovations.e.size, -1)
     X = np.kron(_build_orthonormal_basis(regressors), np.eye(3))
     U, s, _ = np.linalg.svd(X - basis @ (basis.T @ X), full_matrices=False)
-    along = U[:, s**2 > SHOWN].T @ found.e.ravel()
+    along = U[:, s**2 > SHOWN].T @ innovations.e.ravel()
     value = float(along @ along)
     return _build_check("dependence on what is known", value, along.size, scipy.special.chdtrc(max(along.size, 1), value))
 
 
-def _test_correlation(found: Innovations, interval: Indices) -> Check:
+def _test_correlation(innovations: Innovations, interval: Indices) -> Check:
     """Test the products of innovations at some lags about each axis."""
     value, count = 0.0, 0
     for lag in range(1, LAGS + 1):
         same = interval[lag:] == interval[:-lag]
-        mean = -np.einsum("raq,raq->ra", found.basis[lag:][same], found.basis[:-lag][same])
-        products = found.e[lag:][same] * found.e[:-lag][same] - mean
+        mean = -np.einsum("raq,raq->ra", innovations.basis[lag:][same], innovations.basis[:-lag][same])
+        products = innovations.e[lag:][same] * innovations.e[:-lag][same] - mean
         if len(products) >= FEWEST:
             value += float(np.sum(products.sum(axis=0) ** 2 / np.sum(products**2, axis=0)))
             count += 3
@@ -143,8 +145,8 @@ def _test_correlation(found: Innovations, interval: Indices) -> Check:
 
 def _test_scatter(sizes: Array, layout: Layout) -> Check:
     """Test whether normalised sizes (r, 3) follow the intervals and the rate."""
-    own = (layout.interval[:, None] == np.unique(layout.interval)).astype(float)
-    W = _build_orthonormal_basis(np.column_stack([own, layout.speed]))
+    indicators = (layout.interval[:, None] == np.unique(layout.interval)).astype(float)
+    W = _build_orthonormal_basis(np.column_stack([indicators, layout.speed]))
     value, count = float(np.sum((W.T @ sizes) ** 2)), 3 * W.shape[1]
     return _build_check("scatter over intervals and rates", value, count, scipy.special.chdtrc(max(count, 1), value))
 

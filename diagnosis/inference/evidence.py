@@ -53,11 +53,14 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
         gram, correlation, known = remove_shift(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
     if gram.shape[1] >= MANY and correlation.size == gram.shape[0] * gram.shape[1]:
-        found = np.array(
-            [_compute_tridiagonal_evidence(own, along.ravel(), scales) for own, along in zip(gram, correlation, strict=True)]
+        evidence = np.array(
+            [
+                _compute_tridiagonal_evidence(matrix, along.ravel(), scales)
+                for matrix, along in zip(gram, correlation, strict=True)
+            ]
         )
-        if np.isfinite(found).all():
-            return found.reshape(*found.shape, *correlation.shape[2:])
+        if np.isfinite(evidence).all():
+            return evidence.reshape(*evidence.shape, *correlation.shape[2:])
     # Most groups are of one column, which needs no decomposition.
     values, vectors = np.linalg.eigh(gram) if gram.shape[1] != 1 else (gram[:, :, 0], np.ones_like(gram))
     values = np.maximum(values, 0.0)
@@ -75,22 +78,22 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
 
 def _compute_tridiagonal_evidence(gram: Array, correlation: Array, scales: Array) -> Array:
     """(s,) log B of one group of many columns, by a tridiagonal form of XᵀX; NaN where rounding leaves it negative."""
-    reflectors, diagonal, beside, factors, _ = lapack.dsytrd(gram, lower=1, lwork=LAPACK_BLOCK_COLUMNS * len(gram))
+    reflectors, diagonal, off_diagonal, factors, _ = lapack.dsytrd(gram, lower=1, lwork=LAPACK_BLOCK_COLUMNS * len(gram))
     # Qᵀ Xᵀy; the first reflection leaves the first place as it is, and the others are those of a QR decomposition.
     turned, _, _ = lapack.dormqr("L", "T", reflectors[1:, :-1], factors, correlation[1:, None], lwork=LAPACK_BLOCK_COLUMNS)
     along = np.append(correlation[0], turned)
     out = []
     for variance in scales**2:
-        pivots, _, solved, failed = lapack.dptsv(1.0 + variance * diagonal, variance * beside, along)
+        pivots, _, solved, failed = lapack.dptsv(1.0 + variance * diagonal, variance * off_diagonal, along)
         out.append(np.nan if failed else 0.5 * variance * (along @ solved) - 0.5 * np.log(pivots).sum())
     return np.array(out)
 
 
 def remove_shift(gram: Array, correlation: Array) -> tuple[Array, Array, Array]:
     """XᵀX and Xᵀ(y − o) without the shift o in the last column, and <o, y> − ½ <o, o>, (o,) or (o, d)."""
-    own = gram[:, :, -1] if correlation.ndim == 2 else gram[:, :, -1:]
-    known = correlation[:, -1] - 0.5 * own[:, -1]
-    return gram[:, :-1, :-1], correlation[:, :-1] - own[:, :-1], known
+    last_column = gram[:, :, -1] if correlation.ndim == 2 else gram[:, :, -1:]
+    known = correlation[:, -1] - 0.5 * last_column[:, -1]
+    return gram[:, :-1, :-1], correlation[:, :-1] - last_column[:, :-1], known
 
 
 def average_evidence(table: Array, log_weights: Array) -> float:

@@ -106,7 +106,7 @@ def compute_levels(shares: Mapping[int, float], candidates: tuple[Candidate, ...
                 sums[name] = sums.get(name, 0.0) + share
         return Level(*max(sums.items(), key=lambda item: item[1])) if sums else None
 
-    side, character = choose(lambda one: find_side(one, effects)), choose(find_character)
+    side, character = choose(lambda candidate: find_side(candidate, effects)), choose(find_character)
     assert side is not None  # every candidate has one, and a character
     assert character is not None
-    return Levels(side, choose(lambda one: one.axis), character)
+    return Levels(side, choose(lambda candidate: candidate.axis), character)

@@ -37,7 +37,7 @@ def compute_null_p(
     seed: int,
     draws: int,
     scanned_share: float = DEFAULT.scanned_share,
-    tell: Callable[[float], None] = lambda share: None,
+    report_share: Callable[[float], None] = lambda share: None,
 ) -> float:
     """P-value of the evidence averaged over all candidates.
 
@@ -52,13 +52,13 @@ def compute_null_p(
     seed : of the draws
     draws : their number
     scanned_share : of the false alarms, that what a scan has chosen may have
-    tell : called with the share of the draws that are done
+    report_share : called with the share of the draws that are done
     """
     observed = search.compute_observed_statistic()
     bound = float(np.exp(-max(observed, 0.0)))
     if bound * (1 + draws) < 1:
         return _combine_scanned_p(search, bound, scanned_share)
-    null = draw_null_statistics(search, seed, draws, tell, observed)
+    null = draw_null_statistics(search, seed, draws, report_share, observed)
     usual = ENOUGH / null.size if null.size < draws else extrapolate_tail(null, observed)
     return _combine_scanned_p(search, usual, scanned_share)
 
@@ -90,7 +90,7 @@ def draw_null_statistics(
     search: Search,
     seed: int,
     draws: int,
-    tell: Callable[[float], None] = lambda share: None,
+    report_share: Callable[[float], None] = lambda share: None,
     observed: float = np.inf,
 ) -> Array:
     """The statistic of draws of M0, which does not depend on what was observed.
@@ -100,14 +100,14 @@ def draw_null_statistics(
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
-    found = np.empty(0)
+    drawn = np.empty(0)
     for k in range(0, draws, DRAWS_PER_BATCH):
-        tell(k / draws)
-        found = np.append(found, search.compute_null_statistic(search.model.X.T @ noise[:, k : k + DRAWS_PER_BATCH]))
-        beyond = np.flatnonzero(found >= observed)
+        report_share(k / draws)
+        drawn = np.append(drawn, search.compute_null_statistic(search.model.X.T @ noise[:, k : k + DRAWS_PER_BATCH]))
+        beyond = np.flatnonzero(drawn >= observed)
         if beyond.size >= ENOUGH:
-            return np.asarray(found[: beyond[ENOUGH - 1] + 1])
-    return found
+            return np.asarray(drawn[: beyond[ENOUGH - 1] + 1])
+    return drawn
 
 
 def _combine_scanned_p(search: Search, usual: float, scanned_share: float) -> float:

@@ -68,12 +68,12 @@ class Products:
         key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
         if key not in self._found:
             option, X = self._model.option(member), self._model.X
-            own = slice(option.start, option.start + option.count - self._model.candidate(member).shifted)
-            found = X[:, own].T @ X[:, _convert_to_slice(places)]
-            if self._kept + found.size > MOST_KEPT:
+            member_columns = slice(option.start, option.start + option.count - self._model.candidate(member).shifted)
+            products = X[:, member_columns].T @ X[:, _convert_to_slice(places)]
+            if self._kept + products.size > MOST_KEPT:
                 self.forget()
-            self._kept += found.size
-            self._found[key] = found
+            self._kept += products.size
+            self._found[key] = products
         return self._found[key]
 
     def forget(self) -> None:
@@ -107,26 +107,26 @@ class Grams:
             counts = np.array([option.count if most is None else min(option.count, most) for option in options])
             groups = [np.flatnonzero(counts == count) for count in dict.fromkeys(counts.tolist())]
             self._found[key] = [
-                self._build_batch(candidate, some, int(counts[own[0]]))
-                for own in groups
-                for some in ([own] if counts[own[0]] <= MOST_BATCH_COLUMNS else own[:, None])
+                self._build_batch(candidate, some, int(counts[group[0]]))
+                for group in groups
+                for some in ([group] if counts[group[0]] <= MOST_BATCH_COLUMNS else group[:, None])
             ]
         return self._found[key]
 
-    def inherit(self, other: Grams, candidates: Set[int]) -> None:
+    def inherit(self, earlier: Grams, candidates: Set[int]) -> None:
         """Take over the products of some candidates."""
-        self._found |= {key: found for key, found in other._found.items() if key[0] in candidates}
-        self._single |= {key: found for key, found in other._single.items() if key[0] in candidates}
+        self._found |= {key: products for key, products in earlier._found.items() if key[0] in candidates}
+        self._single |= {key: products for key, products in earlier._single.items() if key[0] in candidates}
 
-    def _build_batch(self, candidate: int, own: Indices, count: int) -> Batch:
-        starts = np.array([self._model.candidates[candidate].options[k].start for k in own])
+    def _build_batch(self, candidate: int, options: Indices, count: int) -> Batch:
+        starts = np.array([self._model.candidates[candidate].options[k].start for k in options])
         places = starts[:, None] + np.arange(count)
         if count == 1:  # hundreds of times of a step
             X = self._model.X[:, _convert_to_slice(places.ravel())]
-            return Batch(own, np.einsum("no,no->o", X, X)[:, None, None], places)
-        if own.size == 1:  # without a copy: of a random process it is a megabyte
-            return Batch(own, self.single(candidate, int(own[0]))[None, :count, :count], places)
-        return Batch(own, np.array([self.single(candidate, int(k))[:count, :count] for k in own]), places)
+            return Batch(options, np.einsum("no,no->o", X, X)[:, None, None], places)
+        if options.size == 1:  # without a copy: of a random process it is a megabyte
+            return Batch(options, self.single(candidate, int(options[0]))[None, :count, :count], places)
+        return Batch(options, np.array([self.single(candidate, int(k))[:count, :count] for k in options]), places)
 
     def single(self, candidate: int, option: int) -> Array:
         """(k, k) of one option."""

@@ -23,7 +23,9 @@ def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:
     places = [member for explanation in likely for member in explanation.members]
     places += find_near_alternatives(search, likely[0]) if likely else []
     places = [member for member in places if not search.model.candidate(member).process]
-    processes = [one for explanation in likely for one in explanation.members if search.model.candidate(one).process]
+    processes = [
+        candidate for explanation in likely for candidate in explanation.members if search.model.candidate(candidate).process
+    ]
     search.forget()
     linear = moments
     for member in [*{member.candidate: member for member in reversed(places)}.values(), *processes]:
@@ -32,13 +34,13 @@ def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:
 
 
 def _list_other_members(explanation: Explanation, member: SelectedCandidate) -> tuple[SelectedCandidate, ...]:
-    return tuple(one for one in explanation.members if one != member)
+    return tuple(candidate for candidate in explanation.members if candidate != member)
 
 
-def _list_wanted_sets(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
+def _list_wanted_sets(search: Search, explanations: Sequence[Explanation]) -> list[Wanted]:
     """Explanations with one of their members away, and what a step must explain beside the others to be looked at closely."""
     wanted: dict[frozenset[SelectedCandidate], Wanted] = {}
-    for explanation in found:
+    for explanation in explanations:
         for member in explanation.members:
             others = _list_other_members(explanation, member)
             least = NEARLY * search.score(member.candidate, others).best
@@ -52,17 +54,21 @@ def find_near_alternatives(search: Search, best: Explanation) -> list[SelectedCa
     One whose parameter lies between two that are tried may explain all of it with finer ones; one that is not linear in the
     rates, with those that the body has beside it. Each kind has its own places.
     """
-    found: dict[int, tuple[float, SelectedCandidate]] = {}
+    nearest: dict[int, tuple[float, SelectedCandidate]] = {}
     for member in best.members:
         others = _list_other_members(best, member)
-        own = search.score(member.candidate, others).best
+        own_score = search.score(member.candidate, others).best
         for number, entry in enumerate(search.model.candidates):
             if number in best.key or not entry.listed or entry.process:
                 continue
             score = search.score(number, others)
-            share = score.best / own if own > 0 else 0.0
-            if share > max(NEARLY, found.get(number, (0.0, member))[0]):
-                found[number] = share, SelectedCandidate(number, score.option, score.scale)
-    ranked = [member for _, member in sorted(found.values(), key=lambda one: -one[0])]
+            share = score.best / own_score if own_score > 0 else 0.0
+            if share > max(NEARLY, nearest.get(number, (0.0, member))[0]):
+                nearest[number] = share, SelectedCandidate(number, score.option, score.scale)
+    ranked = [member for _, member in sorted(nearest.values(), key=lambda ranked_member: -ranked_member[0])]
     alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
-    return [member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][:MOST_BESIDE]]
+    return [
+        member
+        for kind in (False, True)
+        for member in [ranked_member for ranked_member in ranked if alone[ranked_member] is kind][:MOST_BESIDE]
+    ]

@@ -67,12 +67,12 @@ class Search:
         self._scores: dict[tuple[int, frozenset[SelectedCandidate], int | None], Score] = {}
         self._given: tuple[tuple[SelectedCandidate, ...], Conditioning | None] = ((), None)  # what was asked for last
 
-    def inherit(self, other: Search) -> None:
+    def inherit(self, earlier: Search) -> None:
         """Take over the products and scores of candidates that are the same in the model of another search."""
-        pairs = enumerate(zip(self.model.candidates, other.model.candidates, strict=True))
-        same = {number for number, (own, before) in pairs if own is before}
-        self.gram.inherit(other.gram, same)
-        for key, score in other._scores.items():
+        pairs = enumerate(zip(self.model.candidates, earlier.model.candidates, strict=True))
+        same = {number for number, (current, before) in pairs if current is before}
+        self.gram.inherit(earlier.gram, same)
+        for key, score in earlier._scores.items():
             if same.issuperset({key[0], *(member.candidate for member in key[1])}):
                 self._scores[key] = score
 
@@ -81,11 +81,11 @@ class Search:
     def tables(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Array:
         """(o, s) log evidence of a candidate's options and scales given what is in, with its `most` strongest columns only."""
         entry = self.model.candidates[candidate]
-        found = np.empty((len(entry.options), entry.scales.size))
+        table = np.empty((len(entry.options), entry.scales.size))
         for batch in self.gram.list_batches(candidate, most):
-            found[batch.options] = self._compute_table(batch.gram, batch.places, entry, given)
-        found[entry.outside_window] = -np.inf
-        return found
+            table[batch.options] = self._compute_table(batch.gram, batch.places, entry, given)
+        table[entry.outside_window] = -np.inf
+        return table
 
     def _compute_table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
@@ -124,8 +124,8 @@ class Search:
         It is that of the listed candidates whose options a scan has chosen, or of all candidates that no scan has chosen.
         """
         entries = enumerate(self.model.candidates)
-        own = [one for one in entries if one[1].scanned == scanned and (one[1].listed or not scanned)]
-        parts = [self._find_score(number, ()).average + one.log_prior for number, one in own]
+        included = [entry for entry in entries if entry[1].scanned == scanned and (entry[1].listed or not scanned)]
+        parts = [self._find_score(number, ()).average + candidate.log_prior for number, candidate in included]
         return float(logsumexp(parts)) if parts else -np.inf
 
     def compute_null_statistic(self, correlation: Array) -> Array:
@@ -162,7 +162,7 @@ class Search:
 
     def _build_conditioning(self, members: tuple[SelectedCandidate, ...]) -> Conditioning:
         """Inner products given some members."""
-        own, scale, shifts = self.model.build_design(members)
+        columns, scale, shifts = self.model.build_design(members)
         products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
 
         def rows(places: Indices) -> Array:
@@ -170,10 +170,10 @@ class Search:
 
         # Of each pair by itself, so that what is kept of two members serves every set with both.
         places = [self.model.build_design((member,))[0] for member in members]
-        inner = np.block([[products.get_products(member, other) for other in places] for member in members])
+        inner = np.block([[products.get_products(member, place) for place in places] for member in members])
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        given = Conditioning(rows, scale[:, None] * inner * scale, scale * (self.correlation - shift)[own], shift)
+        given = Conditioning(rows, scale[:, None] * inner * scale, scale * (self.correlation - shift)[columns], shift)
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 
@@ -211,11 +211,11 @@ class Search:
 
     def score_singles(self) -> list[Explanation]:
         """Every candidate alone."""
-        found = []
+        singles = []
         for candidate in range(len(self.model.candidates)):
             score = self.score(candidate, ())
-            found.append(self._build_explanation((SelectedCandidate(candidate, score.option, score.scale),), score.average))
-        return _rank_explanations(found)
+            singles.append(self._build_explanation((SelectedCandidate(candidate, score.option, score.scale),), score.average))
+        return _rank_explanations(singles)
 
     def list_children(
         self, parent: Explanation, allowed: Callable[[int], bool] = lambda candidate: True, most: int | None = None

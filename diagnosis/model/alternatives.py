@@ -76,11 +76,11 @@ def list_deterministic_rivals(model: RecordingModel) -> Iterator[CandidateColumn
         _follow_rates(bins),
         _run_in_time(model, bins),
     )
-    for name, options in chain.from_iterable(one.items() for one in sides):
+    for name, options in chain.from_iterable(side.items() for side in sides):
         yield from build_families(name, options, partial(observe_rate_errors, model, bins))
     for name, options in {**_follow_surroundings(model, bins), **_follow_reference_courses(model)}.items():
         yield from build_families(
-            name, [one for one in options if np.ptp(one, axis=0).any()], partial(observe_reference_errors, model)
+            name, [option for option in options if np.ptp(option, axis=0).any()], partial(observe_reference_errors, model)
         )
 
 
@@ -110,7 +110,7 @@ def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
     waves = [_build_wave(since, period) for period in periods]
     return {
         "bias runs with the time since an interval's start": trend,
-        "bias runs in each interval in its own way": [_split_intervals(one, bins.interval, count) for one in trend[1:]],
+        "bias runs in each interval in its own way": [_split_intervals(course, bins.interval, count) for course in trend[1:]],
         "bias changes with mission time, not linearly": [
             (span / length) ** 2, *(np.exp(-span / (length * share)) for share in (0.02, 0.1, 0.3)),
         ],
@@ -171,7 +171,7 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
             lagging = [centred - filter_low_pass(centred, bins, lag) for lag in LAGS_S]
             errors += [centred**2, *lagging]
             rates += [centred * bins.rates[:, [k]] for k in range(3)]
-    kept = [one for one in errors if np.isfinite(one).all() and one.any()]
+    kept = [error for error in errors if np.isfinite(error).all() and error.any()]
     return {
         "bias follows the square of a housekeeping value, or its delayed value": kept,
         "scale factor or misalignment follows a housekeeping value": rates if kept else [],
@@ -181,10 +181,10 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
 def _follow_past(bins: Bins) -> Options:
     signs = [keep_last_sign(values[:, axis], bins) for values in (bins.rates, bins.acceleration) for axis in range(3)]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
-    slow = [one for memory in MEMORY_S for one in _split_columns(filter_low_pass(both, bins, memory))]
+    slow = [course for memory in MEMORY_S for course in _split_columns(filter_low_pass(both, bins, memory))]
     return {
-        "bias keeps the sign of the last turn, or of the last change of a rate": [one for one in signs if np.ptp(one) > 0],
-        "bias follows the rates of the past": [one for one in slow if one.any()],
+        "bias keeps the sign of the last turn, or of the last change of a rate": [sign for sign in signs if np.ptp(sign) > 0],
+        "bias follows the rates of the past": [course for course in slow if course.any()],
     }
 
 
@@ -200,10 +200,10 @@ def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
     """Pass values (n, k) through a first-order filter that is at rest when each interval begins."""
     out = np.zeros_like(values)
     for number in np.unique(bins.interval):
-        own = np.flatnonzero(bins.interval == number)
-        share = 1 - np.exp(-float(np.median(bins.dt[own])) / memory)
-        decay = np.full(own.size, 1 - share)
-        out[own] = np.column_stack([recursion(decay, share * one) for one in values[own].T])
+        members = np.flatnonzero(bins.interval == number)
+        share = 1 - np.exp(-float(np.median(bins.dt[members])) / memory)
+        decay = np.full(members.size, 1 - share)
+        out[members] = np.column_stack([recursion(decay, share * course) for course in values[members].T])
     return out
 
 
@@ -216,9 +216,11 @@ def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
     if np.isfinite(orbit):  # as the velocity, whose aberration it is
         directions += [turn_with_orbit(A[:, axis], t_s, orbit, 1) for axis in range(3)]
     place, now = find_reference_steps(model), find_reference_bins(model, bins)
-    loads = [one[now] for axis in range(3) for one in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
+    loads = [
+        course[now] for axis in range(3) for course in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])
+    ]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
-    past = [one[now] for memory in MEMORY_S for one in _split_columns(filter_low_pass(both, bins, memory))]
+    past = [course[now] for memory in MEMORY_S for course in _split_columns(filter_low_pass(both, bins, memory))]
     return {
         "references follow a direction": directions,
         "references follow a housekeeping value": [
@@ -238,7 +240,7 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
     orbit, w = model.stream.orbit_period_s, model.rates[find_reference_steps(model)]
     others = sorted(set(references.forward) - {"-x", "+x"})  # which a listed effect covers
     inside = [t[model.interval_of_reference == number, 0] for number in range(len(model.blocks))]
-    times = np.concatenate([np.linspace(own[0], own[-1], 7)[1:-1] for own in inside])
+    times = np.concatenate([np.linspace(times_of_interval[0], times_of_interval[-1], 7)[1:-1] for times_of_interval in inside])
     return {
         "references run with the time since an interval's start": [
             since, *(np.exp(-since / tau) for tau in WARM_UP_S[1:]),
@@ -253,7 +255,7 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
     }  # fmt: skip
 
 
-def list_periodic_rivals(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[CandidateColumns]:
+def list_periodic_rivals(model: RecordingModel, periods_by_axis: Found, listed: Collection[bool]) -> Iterator[CandidateColumns]:
     """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
 
     The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
@@ -261,19 +263,21 @@ def list_periodic_rivals(model: RecordingModel, found: Found, listed: Collection
     has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
     `listed` holds for which kinds of error, of the references or not, a swing may be named.
     """
-    for (on_references, axis), periods in found.items():
+    for (on_references, axis), periods in periods_by_axis.items():
         what = "references repeat" if on_references else "bias repeats"
-        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[:DOUBLED]]
+        doubled = [replace(period, frequency=0.5 * period.frequency) for period in periods[:DOUBLED]]
         shapes = [*periods[:REPEATED], *doubled]
         options, at = [], []
-        for one in shapes:
-            orders = one.frequency * np.arange(1.0, HIGHEST + 1)
+        for listed_period in shapes:
+            orders = listed_period.frequency * np.arange(1.0, HIGHEST + 1)
             several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
             options += several
-            at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
+            at += [replace(listed_period, log_weight=listed_period.log_weight - float(np.log(len(several))))] * len(several)
         yield _build_periodic_rival(model, f"{what} with a period, not as a sine", axis, options, at)
         if on_references not in listed:
-            options = make_period_columns(model, axis, on_references, np.array([one.frequency for one in periods]))
+            options = make_period_columns(
+                model, axis, on_references, np.array([listed_period.frequency for listed_period in periods])
+            )
             yield _build_periodic_rival(model, f"{what} with another period", axis, options, periods)
 
 
@@ -298,5 +302,5 @@ def _build_periodic_rival(
     """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
     sizes = [float(np.linalg.norm(model.project_out_nuisance(part[:, :2]))) for part in options]
     scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
-    weights = np.exp([one.log_weight for one in at])
+    weights = np.exp([period.log_weight for period in at])
     return replace(build_rival(name, AXES[axis], scaled, weights=weights), scanned=True)

@@ -78,9 +78,9 @@ def observe_rate_errors(model: RecordingModel, bins: Bins, axis: int, values: Ar
     """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
     out = np.empty((model.size, values.shape[1]))
     for number, block in enumerate(model.blocks):
-        own, (ends, place) = values[bins.interval == number], np.unique(bins.ends[number], return_inverse=True)
+        interval_values, (ends, place) = values[bins.interval == number], np.unique(bins.ends[number], return_inverse=True)
         turned = bins.turned[bins.interval == number, :, axis][: ends[-1]].T.copy()
-        sums = [scipy.sparse.csr_array((along, np.arange(ends[-1]), ends)) @ own[: ends[-1]] for along in turned]
+        sums = [scipy.sparse.csr_array((along, np.arange(ends[-1]), ends)) @ interval_values[: ends[-1]] for along in turned]
         total = np.concatenate([np.zeros((1, 3, values.shape[1])), np.cumsum(np.stack(sums, axis=1), axis=0)])
         out[block.rows] = block.average_references(total[place]).reshape(-1, values.shape[1])
     return model.whiten(out)

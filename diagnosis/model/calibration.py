@@ -57,27 +57,27 @@ def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect
     latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
     after effect.
     """
-    return calibrate_beside(model, [(one.columns, one.prior_sigma) for one in effects])
+    return calibrate_beside(model, [(effect.columns, effect.prior_sigma) for effect in effects])
 
 
 def calibrate_beside_remainder(
-    model: RecordingModel, causes: Sequence[FittedEffect], beside: Sequence[FittedEffect]
+    model: RecordingModel, causes: Sequence[FittedEffect], unnamed: Sequence[FittedEffect]
 ) -> tuple[Array, Array]:
     """The same with causes and what is in the model beside them.
 
     The sigmas of G and b are at least those by which parts of the recording differ; the covariance is of the amplitudes of the
     causes and of those members of the remainder that the calibration is made with.
     """
-    chosen = [*causes, *beside]
-    if not beside:
+    chosen = [*causes, *unnamed]
+    if not unnamed:
         return calibrate_with_effects(model, chosen)
     spread = jackknife_calibration(model, chosen)
-    random = [*causes, *(one for one in beside if one.process)]
+    random = [*causes, *(member for member in unnamed if member.process)]
     if len(random) < len(chosen):
-        other = jackknife_calibration(model, random)
+        random_spread = jackknife_calibration(model, random)
         # The mean ratio of the sigmas of all parameters, whatever their units.
-        if np.sum(np.log(np.maximum(other, LEAST_POSITIVE) / np.maximum(spread, LEAST_POSITIVE))) < 0:
-            chosen, spread = random, other
+        if np.sum(np.log(np.maximum(random_spread, LEAST_POSITIVE) / np.maximum(spread, LEAST_POSITIVE))) < 0:
+            chosen, spread = random, random_spread
     change, covariance = calibrate_with_effects(model, chosen)
     wider = np.ones(len(covariance))
     wider[:12] = np.maximum(1.0, spread / np.sqrt(np.diag(covariance)[:12]))
@@ -91,12 +91,12 @@ def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]
     if numbers.size < 2:
         return np.zeros(12)
     nuisance = np.hstack([model.starts, model.line_columns])
-    Z, y = np.hstack([model.calibration, *(one.columns for one in effects), nuisance]), model.whiten(model.zeta)
-    variances = [np.full(one.columns.shape[1], 1 / one.prior_sigma**2) for one in effects]
+    Z, y = np.hstack([model.calibration, *(fitted.columns for fitted in effects), nuisance]), model.whiten(model.zeta)
+    variances = [np.full(effect.columns.shape[1], 1 / effect.prior_sigma**2) for effect in effects]
     prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *variances, np.zeros(nuisance.shape[1])])
     scale = 1.0 / np.sqrt(np.maximum(np.sum(Z**2, axis=0) + prior, LEAST_POSITIVE))
     Z = Z * scale
-    parts = [(Z[own].T @ Z[own], Z[own].T @ y[own]) for own in (fold == number for number in numbers)]
+    parts = [(Z[in_fold].T @ Z[in_fold], Z[in_fold].T @ y[in_fold]) for in_fold in (fold == number for number in numbers)]
     whole = sum(part for part, _ in parts) + np.diag(prior * scale**2 + RIDGE)
     along = sum(part for _, part in parts)
     each = np.array([(scale * np.linalg.solve(whole - A, along - b))[:12] for A, b in parts])
@@ -260,6 +260,6 @@ def _find_isolated(turned: Rotation) -> Mask:
         return np.zeros(count, dtype=bool)
     before, after = np.arange(count) - 1, np.arange(count) + 1
     before[0], after[-1] = 2, count - 3
-    own, left, right = turned, turned[before], turned[after]
-    far = [(own.inv() * other).magnitude() > LARGEST_RESIDUAL for other in (left, right)]
-    return np.asarray(far[0] & far[1] & ((left.inv() * right).magnitude() <= LARGEST_RESIDUAL))
+    current, previous, following = turned, turned[before], turned[after]
+    far = [(current.inv() * neighbour).magnitude() > LARGEST_RESIDUAL for neighbour in (previous, following)]
+    return np.asarray(far[0] & far[1] & ((previous.inv() * following).magnitude() <= LARGEST_RESIDUAL))

@@ -62,7 +62,7 @@ def build_linear_model(
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     scan: bool = True,
-    tell: Callable[[int], None] = lambda count: None,
+    report_count: Callable[[int], None] = lambda count: None,
 ) -> LinearModel:
     """Build the linear model of a recording, linearised about its calibration under M0.
 
@@ -70,17 +70,17 @@ def build_linear_model(
     ----------
     rivals : whether unlisted rivals compete
     scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
-    tell : called with the number of candidates that are made, before each
+    report_count : called with the number of candidates that are made, before each
     """
-    tell(0)
-    found = scan_periods(model) if scan else None
+    report_count(0)
+    periods = scan_periods(model) if scan else None
 
     store = ColumnStore(model.nuisance)
 
     def store_groups() -> Iterator[CandidateColumns]:
-        others = list_alternative_groups(model, found or {}, effects) if rivals else ()
-        for count, group in enumerate(chain(list_effect_groups(model, effects, found), others)):
-            tell(count)
+        others = list_alternative_groups(model, periods or {}, effects) if rivals else ()
+        for count, group in enumerate(chain(list_effect_groups(model, effects, periods), others)):
+            report_count(count)
             yield replace(group, columns=[store.add(part) for part in group.columns])
 
     candidates = list_candidates(list(store_groups()), lambda projected: projected, settings)
@@ -192,7 +192,7 @@ def assemble_linear_model(
 
 
 def list_effect_groups(
-    model: RecordingModel, effects: Sequence[Effect], found: Found | None, steps: StepTimes | None = None
+    model: RecordingModel, effects: Sequence[Effect], periods: Found | None, steps: StepTimes | None = None
 ) -> Iterator[CandidateColumns]:
     """The effects that have columns or a covariance and can be seen in this recording.
 
@@ -204,9 +204,9 @@ def list_effect_groups(
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
-                if effect.scanned and found is not None:
-                    if found:
-                        yield build_scanned_group(model, effect, str(axis), found)
+                if effect.scanned and periods is not None:
+                    if periods:
+                        yield build_scanned_group(model, effect, str(axis), periods)
                 elif effect.switched:
                     yield build_switched_group(model, effect, axis, around, steps)
                 else:
@@ -280,30 +280,32 @@ def build_group(
     )
 
 
-def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> CandidateColumns:
+def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, periods: Found) -> CandidateColumns:
     """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
-    options = found[effect.on_references, AXES.index(axis)]
-    columns = make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
-    parameters = [one.parameters for one in options]
-    group = build_group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    options = periods[effect.on_references, AXES.index(axis)]
+    columns = make_effect_columns(model, effect, axis, np.array([period.frequency for period in options]))
+    parameters = [option.parameters for option in options]
+    group = build_group(effect, axis, columns, parameters, [float(np.exp(period.log_weight)) for period in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
     return replace(group, scanned=True, scales=build_scales(low, high))
 
 
-def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
+def list_alternative_groups(model: RecordingModel, periods: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
     """Build the candidates for effects outside the library: periodic, deterministic and random misfits of any amplitude."""
     named = [effect.on_references for effect in effects if effect.scanned]
-    yield from alternatives.list_periodic_rivals(model, found, named)
+    yield from alternatives.list_periodic_rivals(model, periods, named)
     yield from alternatives.list_deterministic_rivals(model)
     between = build_interval_steps(model, effects)
-    for one in processes.list_process_alternatives(model):
-        bases = between.get(one.axis or "", [])
-        kept = [k for k, columns in enumerate(one.columns) if not _is_within(model.project_out_nuisance(columns), bases)]
+    for alternative in processes.list_process_alternatives(model):
+        bases = between.get(alternative.axis or "", [])
+        kept = [
+            k for k, columns in enumerate(alternative.columns) if not _is_within(model.project_out_nuisance(columns), bases)
+        ]
         if kept:
-            columns, parameters = [one.columns[k] for k in kept], [one.parameters[k] for k in kept]
-            yield build_rival(one.effect, one.axis, columns, True, parameters=parameters)
+            columns, parameters = [alternative.columns[k] for k in kept], [alternative.parameters[k] for k in kept]
+            yield build_rival(alternative.effect, alternative.axis, columns, True, parameters=parameters)
 
 
 def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
@@ -311,19 +313,19 @@ def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> di
 
     Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
     """
-    found: dict[str, list[Array]] = {axis: [] for axis in AXES}
+    bases: dict[str, list[Array]] = {axis: [] for axis in AXES}
     if len(model.blocks) != 2:
-        return found
+        return bases
     second = np.array([model.blocks[1].steps.start])
     for effect in effects:
         if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.surroundings) is None:
             for axis in AXES:
                 steps = [
-                    build_switched_columns(model, effect, axis, one.parameters, second)
-                    for one in effect.trials(model.surroundings)
+                    build_switched_columns(model, effect, axis, trial.parameters, second)
+                    for trial in effect.trials(model.surroundings)
                 ]
-                found[axis].append(scipy.linalg.orth(model.project_out_nuisance(np.hstack(steps))))
-    return found
+                bases[axis].append(scipy.linalg.orth(model.project_out_nuisance(np.hstack(steps))))
+    return bases
 
 
 def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
@@ -371,5 +373,5 @@ def _change(model: RecordingModel, explained: Array) -> Array:
     """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
     columns = np.hstack([model.calibration, model.starts])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
-    left = model.whiten(model.zeta) - explained
-    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RANK)[0])[:12])
+    unexplained = model.whiten(model.zeta) - explained
+    return np.asarray((scale * np.linalg.lstsq(columns * scale, unexplained, rcond=RANK)[0])[:12])

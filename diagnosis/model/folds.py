@@ -54,8 +54,15 @@ def build_folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
     for number in np.unique(rows):
         out = rows == number
         if not out.all():
-            found = condition_rows(model, W, out)
-            yield _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
+            conditioned = condition_rows(model, W, out)
+            yield _fold(
+                conditioned.train_y,
+                conditioned.train_X,
+                conditioned.error_y,
+                conditioned.error_X,
+                conditioned.covariance,
+                owner[out],
+            )
 
 
 @dataclass(frozen=True)
@@ -108,12 +115,12 @@ class _Part:
 
 def _split_values(parts: list[_Part], values: Array) -> tuple[Array, Array]:
     """Whitened values (N,) or (N, k) without what training rows do not show, x̃, and of the rows held out L_s Z Zᵀx."""
-    left, shown = np.array(values, order="F"), []
+    visible, shown = np.array(values, order="F"), []
     for part in parts:
         along = part.hidden.T @ values[part.rows]
-        left[part.rows] -= part.hidden @ along
+        visible[part.rows] -= part.hidden @ along
         shown.append(part.shown @ along)
-    return left, np.concatenate(shown)
+    return visible, np.concatenate(shown)
 
 
 def _build_hidden_basis(L: Array, rows: Indices) -> Array:
@@ -136,9 +143,9 @@ def build_normal_fold(sigma: Array, observed: Array, columns: Array, out: Mask, 
 
 def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covariance: Array, owner: NDArray[np.str_]) -> Fold:
     """A fold by the errors of its prediction and their covariance."""
-    left = np.asarray(np.linalg.cholesky(covariance))
+    root = np.asarray(np.linalg.cholesky(covariance))
     dof = {str(name): float(np.sum(owner == name)) for name in np.unique(owner)}
-    return Fold(train_y, train_X, _solve_lower(left, error_y), _solve_lower(left, error_X), owner, dof)
+    return Fold(train_y, train_X, _solve_lower(root, error_y), _solve_lower(root, error_X), owner, dof)
 
 
 def assign_folds(model: RecordingModel) -> Indices:

@@ -104,8 +104,8 @@ class Candidate:
     @cached_property
     def log_weights(self) -> Array:
         """(o,) log prior share of each option; one with fewer scales has more of it at each, as the average is over all."""
-        own = np.array([option.log_weight for option in self.options])
-        return own - np.log1p(-np.mean(self.outside_window, axis=1))
+        weights = np.array([option.log_weight for option in self.options])
+        return weights - np.log1p(-np.mean(self.outside_window, axis=1))
 
 
 @dataclass(frozen=True)
@@ -195,11 +195,11 @@ class RestoredColumns:
         """Some of the columns, by [rows] or [rows, columns]."""
         rows, columns = place if isinstance(place, tuple) else (place, slice(None))
         X, basis, hidden = self.X[rows], self.basis[rows], self.hidden[:, columns]
-        found = np.empty((len(X), *hidden.shape[1:]), order="F")
-        for first in range(0, len(found), RESTORED_ROWS_PER_BATCH):  # all at once would be as large again
+        selected = np.empty((len(X), *hidden.shape[1:]), order="F")
+        for first in range(0, len(selected), RESTORED_ROWS_PER_BATCH):  # all at once would be as large again
             some = slice(first, first + RESTORED_ROWS_PER_BATCH)
-            found[some] = X[some, columns] + basis[some] @ hidden
-        return found
+            selected[some] = X[some, columns] + basis[some] @ hidden
+        return selected
 
 
 @dataclass
@@ -290,26 +290,26 @@ class LinearModel:
         """Return an explanation's column indices: those with free amplitudes, with their prior scales, and those of shifts."""
         places, scales, shifts = [np.empty(0, dtype=np.intp)], [np.empty(0)], []
         for member in members:
-            own = np.arange(self.option(member).start, self.option(member).start + self.option(member).count)
+            member_columns = np.arange(self.option(member).start, self.option(member).start + self.option(member).count)
             if self.candidate(member).shifted:
-                shifts.append(own[-1])
-                own = own[:-1]
-            places.append(own)
-            scales.append(np.full(own.size, self.scale(member)))
+                shifts.append(member_columns[-1])
+                member_columns = member_columns[:-1]
+            places.append(member_columns)
+            scales.append(np.full(member_columns.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
     def replace_options(
         self, place: int, options: Sequence[ParameterChoice], W: Array, X: Array, scales: Array | None = None
     ) -> LinearModel:
         """The model with other options of one candidate, its new columns appended to those there are, and its scales."""
-        candidates, own = list(self.candidates), self.candidates[place].scales if scales is None else scales
-        candidates[place] = replace(candidates[place], options=tuple(options), scales=own)
+        candidates, new_scales = list(self.candidates), self.candidates[place].scales if scales is None else scales
+        candidates[place] = replace(candidates[place], options=tuple(options), scales=new_scales)
         together = np.hstack([self.X, X]) if self.room is None else self.room.append_columns(self.X, X)
         if isinstance(self.W, RestoredColumns):
             taken = self.W.basis.T @ W
             # A model whose columns have lost more than this basis has others than those that W is restored from.
-            own = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ taken])
-            restored = replace(self.W, X=own, hidden=np.hstack([self.W.hidden, taken]))
+            new_scales = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ taken])
+            restored = replace(self.W, X=new_scales, hidden=np.hstack([self.W.hidden, taken]))
             return replace(self, W=restored, X=together, candidates=tuple(candidates))
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
@@ -326,8 +326,8 @@ def find_scale_range(
 
 def refine_scales(scales: Array, held: int) -> Array:
     """The scales with further ones around one of them, `FINER` from it to each neighbour."""
-    beside = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
-    more = [np.geomspace(scales[held], one, FINER + 2)[1:-1] for one in beside]
+    neighbours = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
+    more = [np.geomspace(scales[held], neighbour, FINER + 2)[1:-1] for neighbour in neighbours]
     return np.unique(np.concatenate([scales, *more]))
 
 

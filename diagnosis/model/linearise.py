@@ -78,14 +78,14 @@ def linearise_recording(
     blocks: list[Block] = []
     made: list[tuple[Array, ...]] = []
     rows = steps = 0
-    for number, own in enumerate(edges):
+    for number, interval_edges in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
         width = max(1, min(references_each, references.size // FEWEST_OBSERVATIONS))
         groups = np.arange(0, references.size, width)
-        samples = parts.arcs.sample[own[0] : own[-1]]
-        dt = parts.arcs.dt[own[0] : own[-1]]
-        begin = own[:-1] - own[0]
+        samples = parts.arcs.sample[interval_edges[0] : interval_edges[-1]]
+        dt = parts.arcs.dt[interval_edges[0] : interval_edges[-1]]
+        begin = interval_edges[:-1] - interval_edges[0]
         length = np.add.reduceat(dt, begin)
         raw = np.add.reduceat(shown[samples] * dt[:, None], begin, axis=0) / length[:, None]
         angles = np.add.reduceat(stream[samples] * dt[:, None], begin, axis=0) @ G.T + np.outer(length, bias)
@@ -93,7 +93,7 @@ def linearise_recording(
         turned = run.R[arc == number]
         A_T = start.as_matrix() @ np.concatenate([np.eye(3)[None], turned.transpose(0, 2, 1)])
         middle = A_T[:-1] @ Rotation.from_rotvec(0.5 * angles).as_matrix()
-        ends = np.searchsorted(own, np.append(own[0], parts.arcs.last[outputs]))
+        ends = np.searchsorted(interval_edges, np.append(interval_edges[0], parts.arcs.last[outputs]))
         at = A_T[ends]
         observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
         theta = (observed * Rotation.from_matrix(at)).as_rotvec()
@@ -143,11 +143,11 @@ def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices,
         low, stops = int(parts.arcs.first[outputs[0]]), parts.arcs.last[outputs]
         # Counted afresh from every reference, so that no step reaches across one.
         between = [np.arange(a, b, each) for a, b in pairwise([low, *stops.tolist()])]
-        own = np.append(np.concatenate(between), stops[-1])
-        edges.append(own)
-        firsts.append(own[:-1])
-        lasts.append(own[1:])
-        arcs.append(np.full(own.size - 1, number))
+        interval_edges = np.append(np.concatenate(between), stops[-1])
+        edges.append(interval_edges)
+        firsts.append(interval_edges[:-1])
+        lasts.append(interval_edges[1:])
+        arcs.append(np.full(interval_edges.size - 1, number))
     return edges, np.concatenate(firsts), np.concatenate(lasts), np.concatenate(arcs)
 
 
@@ -176,11 +176,11 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> A
     # Covariance of each observation with any later one, and with itself.
     later = np.add.reduceat(walk / share[:, None, None], groups, axis=0)
     weights = (2 * (share - within) - 1) / share**2
-    own = np.add.reduceat(walk * weights[:, None, None], groups, axis=0)
-    own += np.add.reduceat(errors / (share**2)[:, None, None], groups, axis=0)
+    variances = np.add.reduceat(walk * weights[:, None, None], groups, axis=0)
+    variances += np.add.reduceat(errors / (share**2)[:, None, None], groups, axis=0)
     count = groups.size
     V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
-    V[np.arange(count), np.arange(count)] = own
+    V[np.arange(count), np.arange(count)] = variances
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
 
 
@@ -206,4 +206,6 @@ def find_relinearised_path(zeta: Array, sigma: Array) -> tuple[Array, Array] | N
 def interpolate_turns(turns: Array, ends: Indices) -> Array:
     """(n, 3, 3) S in the middle of each step, of its rotation vectors (m, 3) after `ends` steps, of which the last has all."""
     middle = np.arange(ends[-1]) + 0.5
-    return np.asarray(Rotation.from_rotvec(np.column_stack([np.interp(middle, ends, one) for one in turns.T])).as_matrix())
+    return np.asarray(
+        Rotation.from_rotvec(np.column_stack([np.interp(middle, ends, component) for component in turns.T])).as_matrix()
+    )

@@ -68,8 +68,8 @@ def compute_statistics(model: RecordingModel) -> pd.DataFrame:
                 continue
             start_s, stop_s = model.observation_t_s[chosen[[0, -1]]] - interval.start_s
             for axis in range(3):
-                own = basis[chosen, axis]
-                value, dof = compute_chi2(e[chosen, axis], np.eye(chosen.size) - own @ own.T)
+                nuisance_basis = basis[chosen, axis]
+                value, dof = compute_chi2(e[chosen, axis], np.eye(chosen.size) - nuisance_basis @ nuisance_basis.T)
                 if dof:
                     p = max(float(scipy.special.chdtrc(dof, value)), 1e-300)
                     records.append((interval.name, "xyz"[axis], phase, "chi2", value, dof, p, float(start_s), float(stop_s)))
@@ -87,7 +87,7 @@ def compute_chi2(r: Array, S: Array) -> tuple[float, int]:
 
 def list_findings(table: pd.DataFrame) -> Sequence[Finding]:
     """List the strongest blocks whose p-value times the number of blocks (Bonferroni) is significant."""
-    found = []
+    findings = []
     for row in table.nsmallest(MOST, "p_value").to_dict("records"):
         p = row["p_value"] * len(table)
         if p > SIGNIFICANT:
@@ -97,5 +97,5 @@ def list_findings(table: pd.DataFrame) -> Sequence[Finding]:
             f"{format_span(row['start_s'], row['stop_s'])} after its start"
         )
         times = (row["start_s"], row["stop_s"])
-        found.append(Finding("attitude", row["interval"], row["axis"], times, "chi2", row["value"], p, text))
-    return found
+        findings.append(Finding("attitude", row["interval"], row["axis"], times, "chi2", row["value"], p, text))
+    return findings

@@ -56,21 +56,23 @@ def check_baseline(model: RecordingModel) -> tuple[Check, ...]:
     """Test M0's innovations of all references, beside the lines in the readings; no tests where there are too few."""
     lines = [] if model.lines is None else [model.compute_attitude_turns(model.lines)]
     e, later, taken = compute_innovations(model, lines)
-    found = Innovations(e, taken.reshape(*e.shape, -1))
-    if found.dof < FEWEST:
+    innovations = Innovations(e, taken.reshape(*e.shape, -1))
+    if innovations.dof < FEWEST:
         return ()
-    return tuple(check_innovations(found, tabulate_references(model, later), count_noise_degrees(model.recording, found.dof)))
+    return tuple(
+        check_innovations(innovations, tabulate_references(model, later), count_noise_degrees(model.recording, innovations.dof))
+    )
 
 
 def list_findings(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:
     """List the significant tests for where a recording departs; p-values have an allowance for the number of tests."""
     return tuple(
         Finding(
-            "attitude", None, None, None, one.name, one.value, min(1.0, one.p_value * len(checks)),
-            f"the innovations of all references {TEXTS[one.name].format(value=one.value, expected=one.expected)}",
+            "attitude", None, None, None, check.name, check.value, min(1.0, check.p_value * len(checks)),
+            f"the innovations of all references {TEXTS[check.name].format(value=check.value, expected=check.expected)}",
         )
-        for one in checks
-        if one.p_value * len(checks) < event_p
+        for check in checks
+        if check.p_value * len(checks) < event_p
     )  # fmt: skip
 
 
@@ -81,13 +83,13 @@ def compute_attitude_errors(model: RecordingModel, effect: Effect, axis: str | N
     return model.compute_attitude_turns(effect.columns(model.stream, axis, parameters))
 
 
-def compute_innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+def compute_innovations(model: RecordingModel, more_columns: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """Compute white innovations about the body axes (k, 3), their references (m,), and a basis (3k, q) of what the fit took."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
     of_parameters = model.compute_attitude_turns(build_parameter_errors(model.raw))
-    columns = np.concatenate([model.residuals[:, :, None], of_parameters, *beside], axis=2)
+    columns = np.concatenate([model.residuals[:, :, None], of_parameters, *more_columns], axis=2)
     white = _whiten_innovations(columns, added, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
     body = body.reshape(3 * len(body), -1)
@@ -137,7 +139,7 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     reference before, or where that would hold their noise until the next; 0 without one.
     """
     gyro, t_s = model.recording.gyro, model.recording.attitudes.t_s[references]
-    first, stop = np.array([(one.steps.start, one.steps.stop - 1) for one in model.blocks])[block].T
+    first, stop = np.array([(entry.steps.start, entry.steps.stop - 1) for entry in model.blocks])[block].T
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
     noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), LEAST_POSITIVE)
     first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])

@@ -79,7 +79,7 @@ def make_grid(model: RecordingModel) -> Grid | None:
     t, block = model.observation_t_s, model.observation_block
     apart = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
     shortest = max(band[0], SHORTEST_PERIOD_SPACINGS * float(np.median(apart)) if apart.size else np.inf)
-    span, arc = band[1], max(float(one.elapsed_s[-1]) for one in model.blocks)
+    span, arc = band[1], max(float(model_block.elapsed_s[-1]) for model_block in model.blocks)
     step = STEP / span
     highest = min(1 / shortest, MOST * step)
     lowest = 1 / span
@@ -126,12 +126,12 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
     h = np.zeros(at.made.size)
     middle = np.empty(count)
     for number, block in enumerate(model.blocks):
-        own = np.flatnonzero(interval == number)
-        middle[number] = 0.5 * (t[own[0]] + t[own[-1]])
-        C = columns[block.rows][:, own]
-        a = np.exp(2j * np.pi * np.outer(t[own] - middle[number], at.made)) * np.sinc(np.outer(length[own], at.made))
+        members = np.flatnonzero(interval == number)
+        middle[number] = 0.5 * (t[members[0]] + t[members[-1]])
+        C = columns[block.rows][:, members]
+        a = np.exp(2j * np.pi * np.outer(t[members] - middle[number], at.made)) * np.sinc(np.outer(length[members], at.made))
         parts = np.column_stack([C.T @ model.y[block.rows], C.T @ Q[block.rows]]).T @ a  # (1 + q, j)
-        turned = (gram[np.ix_(own, own)] @ a.view(float)).view(complex)
+        turned = (gram[np.ix_(members, members)] @ a.view(float)).view(complex)
         zg[:, number] = parts.T
         h += np.sum((a.conj() * turned).real, axis=0) + np.sum(np.abs(parts[1:]) ** 2, axis=0)
         s[:, number, 0] = np.sum(a * turned, axis=0) + np.sum(parts[1:] ** 2, axis=0)
@@ -145,9 +145,9 @@ def compute_common_nuisance(model: RecordingModel) -> Array:
     return np.asarray(U[:, s > 1e-6])
 
 
-def select_periods(at: Grid, found: IntervalProducts) -> tuple[Period, ...]:
+def select_periods(at: Grid, products: IntervalProducts) -> tuple[Period, ...]:
     """Select the frequencies that explain most: the best of each peak, and the aliases of the very best."""
-    score = found.compute_log_evidence(at.tried) + at.log_weight
+    score = products.compute_log_evidence(at.tried) + at.log_weight
     best = score.max(axis=1)
     peaks = find_tops(best, PEAKS)
     width = score.shape[1]
@@ -159,7 +159,7 @@ def select_periods(at: Grid, found: IntervalProducts) -> tuple[Period, ...]:
         chosen |= {int(k) for k in near[:ALIASES]}
     places = np.array([k for k in chosen if np.isfinite(flat[k])], dtype=np.intp)
     near = at.tried.ravel()[places, None] + at.step / FINER * (np.arange(FINER) + 0.5 - 0.5 * FINER)
-    finer = found.compute_log_evidence(near, places // width)
+    finer = products.compute_log_evidence(near, places // width)
     log_weight = at.log_weight.ravel()[places] - np.log(FINER)
     best_of = np.argmax(finer, axis=1)
     order = np.argsort(-(finer.max(axis=1) + log_weight))
@@ -191,10 +191,10 @@ def make_columns(model: RecordingModel, effect: Effect, axis: str | None, parame
 
 def make_effect_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:
     """Make (N, 2) whitened columns of an effect at several frequencies, Hz, in its unit: the first decides on it."""
-    found = make_period_columns(model, AXIS_NAMES.index(axis), effect.on_references, frequencies)
+    period_columns = make_period_columns(model, AXIS_NAMES.index(axis), effect.on_references, frequencies)
     exact = make_columns(model, effect, axis, {"period_s": 1 / float(frequencies[0])})
-    factor = float(np.sum(found[0] * exact) / np.sum(found[0] ** 2))
-    return [factor * part for part in found]
+    factor = float(np.sum(period_columns[0] * exact) / np.sum(period_columns[0] ** 2))
+    return [factor * part for part in period_columns]
 
 
 def add_finer_periods(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
@@ -206,33 +206,37 @@ def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Select
     if not entry.scanned:
         return linear
     held, fine = _find_aliases(linear, member), FINE_PERIODS
-    beside = np.array([k for k in range(-fine, fine + 1) if k]) / fine
-    share = float(np.log(beside.size))
+    fine_moves = np.array([k for k in range(-fine, fine + 1) if k]) / fine
+    share = float(np.log(fine_moves.size))
     near = [
-        Period(float(one.frequency + one.width * move), one.log_weight - share, one.width / fine)
-        for one in map(_get_period, held)
-        for move in beside
+        Period(float(period.frequency + period.width * move), period.log_weight - share, period.width / fine)
+        for period in map(_get_period, held)
+        for move in fine_moves
     ]
-    W = np.hstack(make_effect_columns(model, effect, str(entry.axis), np.array([one.frequency for one in near])))
+    W = np.hstack(make_effect_columns(model, effect, str(entry.axis), np.array([period.frequency for period in near])))
     start = linear.W.shape[1]
-    finer = [ParameterChoice(start + 2 * k, 2, one.log_weight, one.parameters) for k, one in enumerate(near)]
-    options = [replace(one, log_weight=one.log_weight - np.log(2)) if one in held else one for one in entry.options]
+    finer = [ParameterChoice(start + 2 * k, 2, period.log_weight, period.parameters) for k, period in enumerate(near)]
+    options = [
+        replace(option, log_weight=option.log_weight - np.log(2)) if option in held else option for option in entry.options
+    ]
     return linear.replace_options(member.candidate, [*options, *finer], W, model.project_out_nuisance(W))
 
 
 def _find_aliases(linear: LinearModel, member: SelectedCandidate) -> list[ParameterChoice]:
     """The option at which a sinusoid is held, and others, none next to another, that explain nearly as much by themselves."""
     options, first = linear.candidate(member).options, linear.option(member)
-    chi2 = {one.start: float(np.sum((scipy.linalg.orth(linear.X[:, one.columns]).T @ linear.y) ** 2)) for one in options}
+    chi2 = {
+        choice.start: float(np.sum((scipy.linalg.orth(linear.X[:, choice.columns]).T @ linear.y) ** 2)) for choice in options
+    }
     least = (1 - NEARLY) * chi2[first.start] - ENOUGH
     apart = 2 * FINE_PERIODS * _get_period(first).width
-    found = [first]
-    for one in sorted(options, key=lambda one: -chi2[one.start]):
-        frequency = _get_period(one).frequency
-        new = all(abs(frequency - _get_period(other).frequency) > apart for other in found)
-        if len(found) < REFINED_ALIASES and chi2[one.start] >= least and new:
-            found.append(one)
-    return found
+    aliases = [first]
+    for option in sorted(options, key=lambda option: -chi2[option.start]):
+        frequency = _get_period(option).frequency
+        new = all(abs(frequency - _get_period(alias).frequency) > apart for alias in aliases)
+        if len(aliases) < REFINED_ALIASES and chi2[option.start] >= least and new:
+            aliases.append(option)
+    return aliases
 
 
 def _get_period(option: ParameterChoice) -> Period:

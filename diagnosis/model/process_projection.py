@@ -123,9 +123,9 @@ def project_cells(model: RecordingModel) -> tuple[ProcessProjection, ...]:
     out = []
     for axis in range(3):
         errors, mean = build_unit_errors(turned[:, :, axis], first)
-        own = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
-        along = errors.reshape(first.size, 3, -1)[own, :, np.arange(own.size)] * cells.duration_s[own, None]
-        columns = model.whiten((passed[:, None, own] * along.T).reshape(model.size, -1))
+        cell = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
+        along = errors.reshape(first.size, 3, -1)[cell, :, np.arange(cell.size)] * cells.duration_s[cell, None]
+        columns = model.whiten((passed[:, None, cell] * along.T).reshape(model.size, -1))
         place = ProcessProjection.build_projection(columns, columns.T @ model.project_out_nuisance(columns), mean)
         out.append(place.turn_root(model.t_s[parts], np.repeat(cells.interval, counts)))
     return tuple(out)
@@ -139,7 +139,7 @@ def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
     counts = np.concatenate([block.counts for block in model.blocks])
     first = model.reference_rows_of_observations - counts // 2
     chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
-    return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
+    return np.concatenate(chosen), np.cumsum([0, *(len(nodes) for nodes in chosen[:-1])])
 
 
 def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
@@ -171,14 +171,16 @@ def build_unit_errors(along: Array, first: Indices) -> tuple[Array, scipy.sparse
     An error at a node has the direction `along` (q, 3); `first` (r,) is the first node of each observation.
     """
     counts = np.diff(np.append(first, len(along)))
-    own = first[:, None] + np.arange(counts.max())
-    there = own < (first + counts)[:, None]
-    parts = np.where(there[:, :, None], along[np.minimum(own, len(along) - 1)], 0.0) / counts[:, None, None]
+    places = first[:, None] + np.arange(counts.max())
+    there = places < (first + counts)[:, None]
+    parts = np.where(there[:, :, None], along[np.minimum(places, len(along) - 1)], 0.0) / counts[:, None, None]
     U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
     block, which = np.nonzero(s * np.sqrt(counts)[:, None] > LEAST_LENGTH)
     made = np.arange(block.size)
     errors = np.zeros((3 * first.size, block.size))
     errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]
     row, node = np.nonzero(there[block])
-    mean = scipy.sparse.csr_array((Vt[block, which][row, node], (row, own[block][row, node])), shape=(block.size, len(along)))
+    mean = scipy.sparse.csr_array(
+        (Vt[block, which][row, node], (row, places[block][row, node])), shape=(block.size, len(along))
+    )
     return errors, mean

@@ -119,7 +119,7 @@ def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumn
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
     taus = (longest / 60, longest / 20, longest / 6)
-    separate, own = np.equal.outer(at.interval, at.interval).astype(float), _build_indicators(at.interval)
+    separate, indicators = np.equal.outer(at.interval, at.interval).astype(float), _build_indicators(at.interval)
     slow, offsets = separate * markov(at.t_s, taus[-1]), np.deg2rad(1.0) * _build_indicators(nodes.interval)
     same = np.equal.outer(nodes.interval, nodes.interval).astype(float)
 
@@ -133,8 +133,8 @@ def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumn
         columns = [build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in taus]
         yield build_rival(BIAS_WANDERS, name, columns, True, parameters=constants)
         yield build_rival(REFERENCES_WANDER, name, wander(references), True, parameters=constants)
-        yield build_rival("bias differs between intervals", name, [build_course_columns(place, own)], True)
-        gains = [build_course_columns(place, u[:, None] * own) for u in w.T]
+        yield build_rival("bias differs between intervals", name, [build_course_columns(place, indicators)], True)
+        gains = [build_course_columns(place, u[:, None] * indicators) for u in w.T]
         yield build_rival("scale factor or misalignment differs between intervals", name, gains, True)
         gains = [build_usual_columns(place, slow * np.outer(u, u), 0.0) for u in w.T]
         yield build_rival("scale factor or misalignment wanders", name, gains, True)
@@ -165,19 +165,19 @@ def add_finer_process(model: RecordingModel, linear: LinearModel, member: Select
     another effect.
     """
     entry, held = linear.candidate(member), linear.option(member)
-    beside = _find_neighbour_options(entry, held)
-    weight = held.log_weight - float(np.log(1 + len(beside)))
-    wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
-    for number, neighbour in enumerate(beside, len(entry.options)):
+    neighbours = _find_neighbour_options(entry, held)
+    weight = held.log_weight - float(np.log(1 + len(neighbours)))
+    wanted = {member.option: replace(held, log_weight=weight), **{option: entry.options[option] for option in neighbours}}
+    for number, neighbour in enumerate(neighbours, len(entry.options)):
         ((name, low),), ((_, high),) = held.parameters.items(), entry.options[neighbour].parameters.items()
         halfway: Parameters = {name: float(np.sqrt(float(low) * float(high)))}
         wanted[number] = replace(held, log_weight=weight, parameters=halfway)
     covariance, places = list_process_places(model, effect)
     place = places[AXES.index(str(entry.axis))]
     options, columns, start = dict(enumerate(entry.options)), [], linear.W.shape[1]
-    for number, one in wanted.items():
-        columns.append(build_all_columns(place, covariance(one.parameters), WHOLE / linear.scale(member) ** 2))
-        options[number] = replace(one, start=start, count=columns[-1].shape[1])
+    for number, option in wanted.items():
+        columns.append(build_all_columns(place, covariance(option.parameters), WHOLE / linear.scale(member) ** 2))
+        options[number] = replace(option, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
     W, scales = np.hstack(columns), refine_scales(entry.scales, member.scale)
     return linear.replace_options(member.candidate, list(options.values()), W, model.project_out_nuisance(W), scales)
@@ -188,6 +188,6 @@ def _find_neighbour_options(entry: Candidate, held: ParameterChoice) -> list[int
     if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
         return []
     (name,) = held.parameters
-    order = sorted(range(len(entry.options)), key=lambda one: float(entry.options[one].parameters[name]))
-    place = next(k for k, one in enumerate(order) if entry.options[one] is held)
+    order = sorted(range(len(entry.options)), key=lambda number: float(entry.options[number].parameters[name]))
+    place = next(k for k, number in enumerate(order) if entry.options[number] is held)
     return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]

@@ -147,7 +147,7 @@ class RecordingModel:
     def reference_rows_of_observations(self) -> Indices:
         """(r,) the middle one of the references of each observation, among those of `references`."""
         parts = zip(self.blocks, self.reference_slices, strict=True)
-        return np.concatenate([own.start + block.groups + block.counts // 2 for block, own in parts])
+        return np.concatenate([references.start + block.groups + block.counts // 2 for block, references in parts])
 
     @cached_property
     def observation_attitude(self) -> Array:
@@ -220,7 +220,7 @@ class RecordingModel:
     def average_references(self, values: Array) -> Array:
         """Means over the references of each observation, (m, …) → (r, …)."""
         parts = zip(self.blocks, self.reference_slices, strict=True)
-        return np.concatenate([block.average_references(values[own]) for block, own in parts])
+        return np.concatenate([block.average_references(values[references]) for block, references in parts])
 
     def compute_attitude_turns(self, high: Array) -> Array:
         """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
@@ -239,8 +239,8 @@ class RecordingModel:
 
     def _totals(self, turn: Array, rates: Array, block: Block) -> Array:
         """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
-        own = block.steps
-        return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), block.ends))
+        steps = block.steps
+        return np.asarray(_integrate(turn[steps], self.dt[steps], np.ascontiguousarray(rates[steps], dtype=float), block.ends))
 
     def whiten(self, columns: Array) -> Array:
         """L⁻¹ of the columns, (N,) or (N, k), with the factor L of the covariance of each block."""

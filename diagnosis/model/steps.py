@@ -92,7 +92,7 @@ def add_finer_times(model: RecordingModel, linear: LinearModel, member: Selected
     inside = [o for o in known if low <= float(o.parameters["time_s"]) <= high]
     # Of elements of one row, the one whose tried time is nearest to the true one would win over the true one.
     for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
-        givers = [one for one in inside if _drop_time(one.parameters) == fixed]
+        givers = [coarse_option for coarse_option in inside if _drop_time(coarse_option.parameters) == fixed]
         if givers:
             linear = _add_times(model, linear, effect, member.candidate, fixed, firsts, givers, 0.5)
     return linear
@@ -111,13 +111,16 @@ def _add_times(
     """The linear model with options of a step at further times, which take a share of the prior of some of those there are."""
     entry, start = linear.candidates[place], linear.W.shape[1]
     W = build_switched_columns(model, effect, entry.axis, fixed, firsts)
-    weight = float(np.log(share * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
+    weight = float(np.log(share * sum(np.exp(giver.log_weight) for giver in givers) / firsts.size))
     finer = [
         ParameterChoice(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
         for k, first in enumerate(firsts)
     ]
-    left = float(np.log1p(-share))
-    coarse = [replace(one, log_weight=one.log_weight + left) if one in givers else one for one in entry.options]
+    log_share_left = float(np.log1p(-share))
+    coarse = [
+        replace(option, log_weight=option.log_weight + log_share_left) if option in givers else option
+        for option in entry.options
+    ]
     return linear.replace_options(place, [*coarse, *finer], W, model.project_out_nuisance(W))
 
 
@@ -164,27 +167,27 @@ def add_step_times(
 
     Each wanted set of members has the log of the likelihood ratio that a step must have beside it.
     """
-    left = [ResidualProducts(linear, members) for members, _ in wanted]
+    residual_products = [ResidualProducts(linear, members) for members, _ in wanted]
     taken = [{member.candidate for member in members} for members, _ in wanted]
     firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SCANNED_TIMES, model.t_s.size - 1)).astype(np.intp))
-    found: list[list[StepPeak]] = [[] for _ in wanted]
+    peaks_by_set: list[list[StepPeak]] = [[] for _ in wanted]
     for candidate, entry in enumerate(linear.candidates):
         effect = effects.get(entry.effect) if entry.listed else None
         if effect is None or not effect.switched:
             continue
         for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
             X = model.project_out_nuisance(build_switched_columns(model, effect, entry.axis, fixed, firsts))
-            for number, one in enumerate(left):
+            for number, products in enumerate(residual_products):
                 if candidate not in taken[number]:
-                    found[number].append(_find_ratio_peak(one.log_ratio(X), firsts, candidate, fixed))
+                    peaks_by_set[number].append(_find_ratio_peak(products.log_ratio(X), firsts, candidate, fixed))
     worth = [
         (peak.height / max(least, 1.0), peak)
-        for (_, least), peaks in zip(wanted, found, strict=True)
+        for (_, least), peaks in zip(wanted, peaks_by_set, strict=True)
         for peak in peaks
         if peak.height > max(least, 0.0)
     ]
     chosen: dict[tuple[object, ...], StepPeak] = {}
-    for _, peak in sorted(worth, key=lambda one: -one[0]):
+    for _, peak in sorted(worth, key=lambda products: -products[0]):
         chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
     for peak in list(chosen.values())[:MOST_MOMENTS]:
         linear = _add_peak_times(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
@@ -194,9 +197,9 @@ def add_step_times(
 def _add_peak_times(model: RecordingModel, linear: LinearModel, effect: Effect, peak: StepPeak) -> LinearModel:
     """The linear model with further times around a peak."""
     givers = [
-        one
-        for one in linear.candidates[peak.candidate].options
-        if _drop_time(one.parameters) == peak.fixed and not float(one.parameters["time_sigma_s"])
+        option
+        for option in linear.candidates[peak.candidate].options
+        if _drop_time(option.parameters) == peak.fixed and not float(option.parameters["time_sigma_s"])
     ]
     if not givers:
         return linear

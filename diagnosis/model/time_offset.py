@@ -60,11 +60,15 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
     tried.append(
         float(minimize_scalar(compute_left_chi2, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x)
     )
-    values = [compute_left_chi2(one) for one in tried]
-    found = [(one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + FITTING]
+    values = [compute_left_chi2(delay_s) for delay_s in tried]
+    fitting = [
+        (delay_s, path.column(delay_s)) for delay_s, value in zip(tried, values, strict=True) if value < min(values) + FITTING
+    ]
     # A fit of the amplitude gains (a − s)² |c|² over it.
-    gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.project_out_nuisance(c) ** 2)) for one, c in found]
-    return [(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]
+    gains = [
+        (_fit_amplitude(model, c) - delay_s) ** 2 * float(np.sum(model.project_out_nuisance(c) ** 2)) for delay_s, c in fitting
+    ]
+    return [(c, float(share)) for (_, c), share in zip(fitting, compute_delay_shares(np.array(gains)), strict=True)]
 
 
 def compute_delay_shares(gains: Array) -> Array:
@@ -79,26 +83,28 @@ class _Path:
     def __init__(self, model: RecordingModel) -> None:
         self.model = model
         count = model.t_s.size
-        block = np.repeat(np.arange(len(model.blocks)), [one.steps.stop - one.steps.start for one in model.blocks])
+        block = np.repeat(
+            np.arange(len(model.blocks)), [block_model.steps.stop - block_model.steps.start for block_model in model.blocks]
+        )
         places = np.arange(count)
         turned = propagate(Arcs(model.rates, model.dt, places, places, places + 1, block), np.eye(3), np.zeros(3)).R
         quaternions = model.recording.attitudes.quaternions
-        self.begin = [np.append(0.0, np.cumsum(model.dt[one.steps])) for one in model.blocks]
+        self.begin = [np.append(0.0, np.cumsum(model.dt[block_model.steps])) for block_model in model.blocks]
         self.to_inertial = []
-        for one in model.blocks:
-            start = Rotation.from_quat(quaternions[one.references[np.argmin(one.elapsed_s)]]).inv()
-            relative = Rotation.from_matrix(turned[one.steps])
+        for block_model in model.blocks:
+            start = Rotation.from_quat(quaternions[block_model.references[np.argmin(block_model.elapsed_s)]]).inv()
+            relative = Rotation.from_matrix(turned[block_model.steps])
             self.to_inertial.append(start.inv() * Rotation.concatenate([Rotation.identity(), relative]).inv())
 
     def column(self, delay: float) -> Array:
         """(N, 1) whitened observations of a delay, per second of it."""
         parts = []
-        for number, (block, own) in enumerate(zip(self.model.blocks, self.model.reference_slices, strict=True)):
+        for number, (block, references) in enumerate(zip(self.model.blocks, self.model.reference_slices, strict=True)):
             attitude, now = partial(self._compute_attitude, number), block.elapsed_s
             first = attitude(np.array([delay])) * attitude(np.zeros(1)).inv()
             E = first.inv() * attitude(now + delay) * attitude(now).inv()
-            off = (E * Rotation.from_rotvec(self.model.off[own]).inv()).as_rotvec()
-            parts.append(block.average_references(self.model.residuals[own] + off).ravel())
+            off = (E * Rotation.from_rotvec(self.model.off[references]).inv()).as_rotvec()
+            parts.append(block.average_references(self.model.residuals[references] + off).ravel())
         return self.model.whiten(np.concatenate(parts)[:, None] / delay)
 
     def _compute_attitude(self, number: int, t: Array) -> Rotation:

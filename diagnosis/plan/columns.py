@@ -90,7 +90,7 @@ def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTim
             share = np.linalg.norm(X, axis=(0, 2)) / np.maximum(np.linalg.norm(W, axis=(0, 2)), 1e-300)
             weights, parameters = group.weights[options], tuple(group.parameters[k] for k in options)
             out.append(Signature(group.effect, group.axis, label, X, share, weights / weights.sum(), parameters, group.process))
-    return sorted(out, key=lambda one: one.process)
+    return sorted(out, key=lambda signature: signature.process)
 
 
 def _split(group: CandidateColumns) -> dict[str, list[int]]:
@@ -98,15 +98,15 @@ def _split(group: CandidateColumns) -> dict[str, list[int]]:
     effect = EFFECTS[group.effect]
     label = group.effect if group.axis is None else f"{group.effect}:{group.axis}"
     if group.process:
-        usual = {one.name: one.default for one in effect.parameters}
+        usual = {parameter.name: parameter.default for parameter in effect.parameters}
         return {label: [min(range(len(group.columns)), key=lambda k: _measure_unusualness(group.parameters[k], usual))]}
     if not effect.switched:
         return {label: list(range(len(group.columns)))}
-    found: dict[str, list[int]] = {}
+    places_by_label: dict[str, list[int]] = {}
     for k, parameters in enumerate(group.parameters):
         words = "".join(f"<{value}" for name, value in parameters.items() if name not in OF_TIME)
-        found.setdefault(label + words, []).append(k)
-    return found
+        places_by_label.setdefault(label + words, []).append(k)
+    return places_by_label
 
 
 def _measure_unusualness(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:

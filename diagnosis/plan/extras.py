@@ -30,7 +30,7 @@ def append_intervals(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) 
     An `InputError` if these are no valid intervals.
     """
     end = scenario.interval[-1].stop_s
-    intervals = [one.model_dump(mode="json", exclude_none=True) for one in scenario.interval]
+    intervals = [interval.model_dump(mode="json", exclude_none=True) for interval in scenario.interval]
     for section in sections:
         moved = dict(section)
         for name in ("start_s", "stop_s"):
@@ -102,37 +102,39 @@ def evaluate_extra(
     model: RecordingModel,
     every: Sequence[Signature],
     seen: Sequence[Visible],
-    found: Sequence[Pair],
+    pairs: Sequence[Pair],
 ) -> Extra:
     """Evaluate the extended scenario: sizes, pairs distinguished, and effects gained over those found without it."""
     longer = linearise_noise_free(extended)
-    names = [name for name in EFFECTS if name in {one.effect for one in every}]
+    names = [name for name in EFFECTS if name in {item.effect for item in every}]
     # The same steps as without it: the extra intervals come after all of them.
-    after = {one.label: one for one in build_signatures(longer, names, step_times(model))}
-    before = {one.label: one for one in seen}
+    after = {signature.label: signature for signature in build_signatures(longer, names, step_times(model))}
+    before = {item.label: item for item in seen}
     ratio: dict[str, float] = {}
     bare = replace(model.surroundings, stream=replace(model.stream, housekeeping={}))
-    for one in every:
+    for item in every:
         # The simulated temperature of another span is another one.
-        if EFFECTS[one.effect].missing(bare) is None and one.share.max() > SETTINGS.gone:
-            quotients = one.norms / np.maximum(after[one.label].norms, 1e-300)
-            ratio[one.label] = float(quotients[find_median_index(quotients, one.weights)])
+        if EFFECTS[item.effect].missing(bare) is None and item.share.max() > SETTINGS.gone:
+            quotients = item.norms / np.maximum(after[item.label].norms, 1e-300)
+            ratio[item.label] = float(quotients[find_median_index(quotients, item.weights)])
     gained = [
-        one.label
-        for one in every
-        if not one.process
-        and before[one.label].verdict != "visible"
-        and after[one.label].extremes[1] * EFFECTS[one.effect].prior[1] >= SETTINGS.snr
-        and after[one.label].share.max() > SETTINGS.gone
+        item.label
+        for item in every
+        if not item.process
+        and before[item.label].verdict != "visible"
+        and after[item.label].extremes[1] * EFFECTS[item.effect].prior[1] >= SETTINGS.snr
+        and after[item.label].share.max() > SETTINGS.gone
     ]
-    now = [replace(one, size=one.size * ratio.get(one.label, 1.0), best=one.best * ratio.get(one.label, 1.0)) for one in seen]
-    left = {order_pair(one.effect, one.other) for one in list_pairs(list(after.values()), now)}
-    were = {order_pair(one.effect, one.other) for one in found}
+    now = [
+        replace(item, size=item.size * ratio.get(item.label, 1.0), best=item.best * ratio.get(item.label, 1.0)) for item in seen
+    ]
+    remaining = {order_pair(pair.effect, pair.other) for pair in list_pairs(list(after.values()), now)}
+    were = {order_pair(item.effect, item.other) for item in pairs}
     by_effect: dict[str, list[float]] = {}
     for label, value in ratio.items():
         if before[label].verdict == "visible":
             by_effect.setdefault(before[label].effect, []).append(value)
-    hours = sum(one.stop_s - one.start_s for one in extended.interval[len(scenario.interval) :]) / 3600
+    hours = sum(item.stop_s - item.start_s for item in extended.interval[len(scenario.interval) :]) / 3600
     median = float(np.median([np.median(values) for values in by_effect.values()])) if by_effect else 1.0
     shown = {label: value for label, value in ratio.items() if before[label].verdict == "visible" or label in gained}
-    return Extra(name, hours, median, shown, tuple(sorted(were - left)), len(were), tuple(gained))
+    return Extra(name, hours, median, shown, tuple(sorted(were - remaining)), len(were), tuple(gained))

@@ -92,14 +92,14 @@ def find_invisible_effects(recording: Recording, G: Array, bias: Array, sigma: A
     scale = ranges.vector(np.arange(12) >= 9)
     C = (model.calibration - Q @ (Q.T @ model.calibration)) * scale
     solve = np.linalg.pinv(C.T @ C + 1e-2 * np.eye(12)) @ C.T  # the prior of ten ranges keeps what cannot be observed
-    found = []
+    invisible = []
     for name in MANEUVERS:
         effect = EFFECTS[name]
         if effect.missing(model.surroundings) is None:
             for axis in effect.axes or (None,):
-                found += list(_try_effect(model, effect, axis, ranges, scale[:, None] * solve, sigma))
-    found = [one for one in found if np.abs(one.sigmas).max() > LEAST_SIGMAS]
-    return tuple(sorted(found, key=lambda one: -float(np.abs(one.sigmas).max()))[:MOST_LISTED])
+                invisible += list(_try_effect(model, effect, axis, ranges, scale[:, None] * solve, sigma))
+    invisible = [effect_change for effect_change in invisible if np.abs(effect_change.sigmas).max() > LEAST_SIGMAS]
+    return tuple(sorted(invisible, key=lambda effect_change: -float(np.abs(effect_change.sigmas).max()))[:MOST_LISTED])
 
 
 def _try_effect(
@@ -114,9 +114,11 @@ def _try_effect(
         if np.linalg.norm(model.project_out_nuisance(x), axis=0).max() > SETTINGS.snr:
             continue
         for change in (solve @ x).T:
-            one = InvisibleEffect(label, size, effect.unit, change, change / sigma, MANEUVERS[effect.name].format(axis=axis))
-            if best is None or np.abs(one.sigmas).max() > np.abs(best.sigmas).max():
-                best = one
+            candidate = InvisibleEffect(
+                label, size, effect.unit, change, change / sigma, MANEUVERS[effect.name].format(axis=axis)
+            )
+            if best is None or np.abs(candidate.sigmas).max() > np.abs(best.sigmas).max():
+                best = candidate
     if best is not None:
         yield best
 

@@ -43,7 +43,7 @@ def plan(
     settings : thresholds and priors of the later diagnosis
     """
     began = time.perf_counter()
-    tell = progress or (lambda text, share: None)
+    report = progress or (lambda text, share: None)
     for name in effects or ():
         if name not in EFFECTS:
             raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
@@ -52,32 +52,32 @@ def plan(
         name: append_intervals(scenario, parts)
         for name, parts in (list_maneuvers(scenario) if extras is None else extras).items()
     }
-    tell("linear model", 0.0)
+    report("linear model", 0.0)
     model = linearise_noise_free(scenario)
     every = build_signatures(model, names)
-    tell("candidates", 0.05)
+    report("candidates", 0.05)
     power = DetectionPower(build_linear_model(model, list(EFFECTS.values()), settings=settings, scan=False), seed, settings)
-    tell("smallest visible sizes", 0.15)
+    report("smallest visible sizes", 0.15)
     seen = []
-    for number, one in enumerate(every):
-        tell("smallest visible sizes", 0.15 + 0.55 * number / len(every))
-        seen.append(find_visible_size(one, power))
+    for number, signature in enumerate(every):
+        report("smallest visible sizes", 0.15 + 0.55 * number / len(every))
+        seen.append(find_visible_size(signature, power))
     seen += list_unavailable_effects(model, [EFFECTS[name] for name in names])
-    tell("pairs", 0.7)
-    found = list_pairs(every, seen)
+    report("pairs", 0.7)
+    pairs = list_pairs(every, seen)
     helped = []
     for number, (name, extended) in enumerate(longer.items()):
-        tell(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
-        helped.append(evaluate_extra(name, scenario, extended, model, every, seen, found))
+        report(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
+        helped.append(evaluate_extra(name, scenario, extended, model, every, seen, pairs))
     order = {name: number for number, name in enumerate(EFFECTS)}
     return Plan(
         scenario=scenario.title,
         false_alarm_rate=settings.false_alarm_rate,
         threshold=power.threshold,
         degrees_of_freedom=model.degrees_of_freedom,
-        effects=tuple(sorted(seen, key=lambda one: (order[one.effect], one.label))),
-        pairs=tuple(found),
-        extras=tuple(sorted(helped, key=lambda one: (one.ratio, -len(one.resolved)))),
+        effects=tuple(sorted(seen, key=lambda signature: (order[signature.effect], signature.label))),
+        pairs=tuple(pairs),
+        extras=tuple(sorted(helped, key=lambda signature: (signature.ratio, -len(signature.resolved)))),
         notes=_write_plan_notes(scenario, model),
         runtime_s=time.perf_counter() - began,
     )

@@ -84,17 +84,17 @@ class Plan:
             "false_alarm_rate": self.false_alarm_rate,
             "threshold": self.threshold,
             "degrees_of_freedom": self.degrees_of_freedom,
-            "effects": [{**vars(one), "plausible": list(one.plausible)} for one in self.effects],
-            "pairs": [dict(vars(one)) for one in self.pairs],
-            "extras": [{**vars(one), "resolved": [list(pair) for pair in one.resolved]} for one in self.extras],
+            "effects": [{**vars(effect), "plausible": list(effect.plausible)} for effect in self.effects],
+            "pairs": [dict(vars(item)) for item in self.pairs],
+            "extras": [{**vars(extra), "resolved": [list(pair) for pair in extra.resolved]} for extra in self.extras],
             "notes": list(self.notes),
             "runtime_s": self.runtime_s,
         }
 
 
-def order_pair(one: str, other: str) -> tuple[str, str]:
+def order_pair(first: str, second: str) -> tuple[str, str]:
     """A pair of labels in one order, whichever imitates which."""
-    return (one, other) if one < other else (other, one)
+    return (first, second) if first < second else (second, first)
 
 
 @dataclass(frozen=True)

@@ -28,36 +28,38 @@ def compute_confusion_shares(every: Sequence[Signature]) -> tuple[Array, Array]:
     Over the options of the other the best imitation counts, over those of the effect itself the median.
     """
     count = len(every)
-    bases = [_build_basis(one) for one in every]
+    bases = [_build_basis(signature) for signature in every]
     Q = np.hstack([basis.reshape(len(basis), -1) for basis in bases])
-    parts = np.cumsum([0] + [one.X.shape[1] * one.X.shape[2] for one in every])
+    parts = np.cumsum([0] + [signature.X.shape[1] * signature.X.shape[2] for signature in every])
     rho, ratio = np.zeros((count, count)), np.zeros((count, count))
-    for i, one in enumerate(every):
-        power = np.sum(one.X**2, axis=(0, 2))  # (o,)
-        products = np.sum((Q.T @ one.X.reshape(len(one.X), -1)).reshape(Q.shape[1], *one.X.shape[1:]) ** 2, axis=2)
-        for j, other in enumerate(every):
-            options, k = other.X.shape[1:]
+    for i, signature in enumerate(every):
+        power = np.sum(signature.X**2, axis=(0, 2))  # (o,)
+        products = np.sum(
+            (Q.T @ signature.X.reshape(len(signature.X), -1)).reshape(Q.shape[1], *signature.X.shape[1:]) ** 2, axis=2
+        )
+        for j, imitator in enumerate(every):
+            options, k = imitator.X.shape[1:]
             by = products[parts[j] : parts[j + 1]].reshape(options, k, -1).sum(axis=1)  # (options, o)
             best = by.argmax(axis=0)
             imitated = by[best, np.arange(power.size)]
             share = np.minimum(imitated / np.maximum(power, 1e-300), 1.0)
-            middle = find_median_index(share, one.weights)
+            middle = find_median_index(share, signature.weights)
             rho[i, j] = share[middle]
-            ratio[i, j] = np.sqrt(imitated[middle] / one.X.shape[2]) / max(other.norms[best[middle]], 1e-300)
+            ratio[i, j] = np.sqrt(imitated[middle] / signature.X.shape[2]) / max(imitator.norms[best[middle]], 1e-300)
     return rho, ratio
 
 
-def _build_basis(one: Signature) -> Array:
+def _build_basis(signature: Signature) -> Array:
     """(N, o, k) orthonormal basis of each option; zero where the option cannot be seen."""
-    U, s, _ = np.linalg.svd(one.X.transpose(1, 0, 2), full_matrices=False)
-    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (one.share > SETTINGS.gone)[:, None]
+    U, s, _ = np.linalg.svd(signature.X.transpose(1, 0, 2), full_matrices=False)
+    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (signature.share > SETTINGS.gone)[:, None]
     return np.asarray((U * kept[:, None, :]).transpose(1, 0, 2))
 
 
 def compute_separating_snr(share: Array) -> Array:
     """SNR that gives log odds of ln 19 where a share ρ² can be imitated."""
-    left = 1 - np.asarray(share)
-    return np.where(left > SETTINGS.exact, np.sqrt(2 * SETTINGS.log_odds / np.maximum(left, SETTINGS.exact)), np.inf)
+    distinct = 1 - np.asarray(share)
+    return np.where(distinct > SETTINGS.exact, np.sqrt(2 * SETTINGS.log_odds / np.maximum(distinct, SETTINGS.exact)), np.inf)
 
 
 def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair]:
@@ -66,8 +68,8 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
     An imitation that takes an implausible size of the other does not count. Random effects are compared with one another;
     a pair of them counts if it takes as much more than the visible size as `PlanSettings.limit_snr` is more than the usual SNR.
     """
-    known = {one.label: one for one in seen if one.verdict == "visible"}
-    some = [one for one in every if one.label in known and not one.process]
+    known = {signature.label: signature for signature in seen if signature.verdict == "visible"}
+    some = [signature for signature in every if signature.label in known and not signature.process]
     out = []
     if some:
         rho, ratio = compute_confusion_shares(some)
@@ -75,12 +77,12 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
         for i, j in np.argwhere(snr > SETTINGS.limit_snr):
             if i == j:
                 continue
-            one = known[some[i].label]
-            if ratio[i, j] * one.best > EFFECTS[some[j].effect].prior[1]:
+            signature = known[some[i].label]
+            if ratio[i, j] * signature.best > EFFECTS[some[j].effect].prior[1]:
                 continue
             size = float(snr[i, j]) / float(some[i].norms[some[i].middle])
-            out.append(Pair(one.label, some[j].label, float(rho[i, j]), float(snr[i, j]), size))
-    noisy = [one for one in every if one.label in known and one.process]
+            out.append(Pair(signature.label, some[j].label, float(rho[i, j]), float(snr[i, j]), size))
+    noisy = [signature for signature in every if signature.label in known and signature.process]
     for first in noisy:
         for second in noisy:
             if first.label != second.label:
@@ -90,7 +92,7 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
     return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
 
 
-def find_separating_size(one: Signature, other: Signature, start: float) -> float:
+def find_separating_size(signature: Signature, imitator: Signature, start: float) -> float:
     """Size of a random effect at which another differs by a divergence of ln 19 at its best size.
 
     With orthogonal columns X of squared lengths d and unit directions Q, S = I + r² X Xᵀ has S⁻¹ = I − Q g Qᵀ with
@@ -100,7 +102,7 @@ def find_separating_size(one: Signature, other: Signature, start: float) -> floa
 
     takes only the squared products of the directions of both.
     """
-    A, B = one.X[:, 0], other.X[:, 0]
+    A, B = signature.X[:, 0], imitator.X[:, 0]
     d_A, d_B = np.sum(A**2, axis=0), np.sum(B**2, axis=0)
     cross = ((B / np.sqrt(np.maximum(d_B, 1e-300))).T @ A) ** 2  # (r_B, r_A)
     sizes = start * np.geomspace(0.3, 30.0, 41)

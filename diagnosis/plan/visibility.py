@@ -72,18 +72,20 @@ class DetectionPower:
         return here if abs(value) < 1.0 else float("inf")
 
 
-def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
+def find_visible_size(signature: Signature, power: DetectionPower) -> Visible:
     """Find the smallest visible size of an effect."""
-    effect = EFFECTS[one.effect]
-    smallest, largest = one.extremes
+    effect = EFFECTS[signature.effect]
+    smallest, largest = signature.extremes
     reason = "acts like a change of G, b or start attitudes"
-    row = replace(build_visibility_row(effect, "not identifiable", np.inf, reason, one.axis), label=one.label)
-    if one.share.max() < SETTINGS.gone:
+    row = replace(build_visibility_row(effect, "not identifiable", np.inf, reason, signature.axis), label=signature.label)
+    if signature.share.max() < SETTINGS.gone:
         return row
-    x = one.draw(power.rng, SETTINGS.power_draws)
-    if one.process:
-        size = best = worst = power.size(x, SETTINGS.random / float(one.norms[0]))
-        parameters = [f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in one.parameters[0].items()]
+    x = signature.draw(power.rng, SETTINGS.power_draws)
+    if signature.process:
+        size = best = worst = power.size(x, SETTINGS.random / float(signature.norms[0]))
+        parameters = [
+            f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in signature.parameters[0].items()
+        ]
         snr, text = float("nan"), ", ".join(parameters)
     else:
         norm = max(float(np.linalg.norm(x)), 1e-300)

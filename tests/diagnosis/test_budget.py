@@ -26,14 +26,14 @@ def orbital():
 
 
 def test_a_set_of_effects_is_predicted_as_if_there_were_no_others(orbital):
-    model, effects = prepared(5, *SHOWN, **COARSE).model, [*orbital.fitted, orbital.beside[0]]
+    model, effects = prepared(5, *SHOWN, **COARSE).model, [*orbital.fitted, orbital.unnamed[0]]
     squares = predict_held_out(model, effects, sets=[(), [1], [0], [0, 1]]).squares
     np.testing.assert_allclose(squares[:, [0, 2, 3]], predict_held_out(model, effects).squares)
     np.testing.assert_allclose(squares[:, :2], predict_held_out(model, effects[1:]).squares)
     noise = np.random.default_rng(3).standard_normal(effects[0].columns.shape)
     other = replace(effects[0], columns=noise * np.linalg.norm(effects[0].columns) / np.linalg.norm(noise))
     both = [effects[0], other]
-    assert [is_surely_closing(model, both, orbital.beside, k) for k in (0, 1)] == [True, False]
+    assert [is_surely_closing(model, both, orbital.unnamed, k) for k in (0, 1)] == [True, False]
 
 
 def test_an_effect_beside_a_remainder_has_its_size_and_its_share(orbital):

@@ -104,25 +104,25 @@ def build_arcs(recording: Recording) -> tuple[list[Arc], list[str]]:
         raise InputError("the recording has no raw sensor tables")
     if tables.ephemeris is None:
         raise InputError("there is no ephemeris table, which says where the spacecraft is and the Sun stands")
-    found: list[Arc] = []
+    arcs: list[Arc] = []
     turning, few = [], []
     for interval in recording.intervals:
         if not is_steady(recording.gyro, interval):
             turning.append(interval.name)
             continue
-        arc = build_arc(recording, tables, interval, len(found))
+        arc = build_arc(recording, tables, interval, len(arcs))
         if arc is None:
             few.append(interval.name)
         else:
-            found.append(arc)
+            arcs.append(arc)
     notes = []
     if turning:
         notes.append(f"Sensor tables are used at constant rate only, not in {_format_names(turning)}")
     if few:
         notes.append(f"Too few sensor measurements, or none of a sun or of the Earth sensor, in {_format_names(few)}")
-    if not found:
+    if not arcs:
         raise InputError(f"no arc of the recording can be used for the sensors; {'; '.join(notes)}")
-    return found, notes
+    return arcs, notes
 
 
 def _format_names(names: list[str]) -> str:
@@ -131,8 +131,8 @@ def _format_names(names: list[str]) -> str:
 
 def is_steady(gyro: GyroStream, interval: Interval) -> bool:
     """Find out whether the rates of an interval are constant, but for noise."""
-    own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
-    rates, length = gyro.rates[own], max(1, round(STEADY_S / gyro.sample_s))
+    inside = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
+    rates, length = gyro.rates[inside], max(1, round(STEADY_S / gyro.sample_s))
     if len(rates) < 2 * length:
         return False
     means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
@@ -147,27 +147,27 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     sun_sensor, sun_angles = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
     for sensor_number, sensor in enumerate(trmm_sun_sensors(), start=1):
         t, counts = tables.sun.select_sensor(sensor_number) if tables.sun is not None else (np.zeros(0), np.zeros((0, 2)))
-        own = (t >= low) & (t <= high)
-        if not own.any():
+        inside = (t >= low) & (t <= high)
+        if not inside.any():
             continue
-        made = sensor.series(t[own], counts[own], tables.ephemeris.sun[tables.ephemeris.rows(t[own])])
+        made = sensor.series(t[inside], counts[inside], tables.ephemeris.sun[tables.ephemeris.rows(t[inside])])
         if not made.used.any():
             continue
-        made = replace(made, sigma=_compute_sun_sigma(sensor, counts[own], made.sigma))
+        made = replace(made, sigma=_compute_sun_sigma(sensor, counts[inside], made.sigma))
         series.append(made)
         numbers.append(sensor_number)
         sun_sensor.append(np.full(made.t.size, sensor_number))
         sun_angles.append(made.y)
     if not series or tables.earth is None:
         return None
-    own = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
-    t, used = tables.earth.t_s[own], tables.earth.used[own]
+    inside = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
+    t, used = tables.earth.t_s[inside], tables.earth.used[inside]
     if t.size < TIMES or not used.any():
         return None
     place = tables.ephemeris.rows(t)
     earth = EarthSensor(np.zeros(4))
     position, sun = tables.ephemeris.position[place], tables.ephemeris.sun[place]
-    angles = np.where(used, tables.earth.angles[own], np.nan)
+    angles = np.where(used, tables.earth.angles[inside], np.nan)
     series.append(SensorSeries(EarthModel(earth, position), t, angles, np.where(used, earth.sigma, np.inf)))
     numbers.append(0)
     rows = find_reference_rows(recording.attitudes.t_s, interval)
@@ -207,11 +207,15 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     """
     series = arc.series
     if sun_error is not None and earth_error is not None:
-        own = [earth_error if number == 0 else sun_error[arc.sightings.sun_sensor == number] for number in arc.numbers]
-        series = tuple(replace(one, y=one.y - error) for one, error in zip(series, own, strict=True))
+        errors = [earth_error if number == 0 else sun_error[arc.sightings.sun_sensor == number] for number in arc.numbers]
+        series = tuple(
+            replace(measurements, y=measurements.y - error) for measurements, error in zip(series, errors, strict=True)
+        )
     path = build_gyro_arc(arc.gyro, list_measured_times(series), arc.gyro.apriori_G)
     solved = choose_columns(series, {})
-    estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
+    estimate = Estimate(
+        np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(measurements.model for measurements in series)
+    )
     for iteration in range(ITERATIONS):
         state = linearise(path, series, estimate, solved)
         if not np.isfinite(state.rows.z).all():
@@ -230,8 +234,8 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
 def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
     """The arc with the sightings of a fit."""
     angles = [
-        one.model.predict(A[_find_nearest_nodes(path, one.t)], np.arange(one.t.size))
-        for one, number in zip(series, arc.numbers, strict=True)
+        measurements.model.predict(A[_find_nearest_nodes(path, measurements.t)], np.arange(measurements.t.size))
+        for measurements, number in zip(series, arc.numbers, strict=True)
         if number > 0
     ]
     nodes = _find_nearest_nodes(path, arc.sightings.t_s)

@@ -90,15 +90,15 @@ def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | No
 
 def build_held_columns(fitted: FittedArc, held: Mapping[str, HeldAmplitudes]) -> Array:
     """(r, p) derivatives of the errors of some effects by their amplitudes, in their order."""
-    return np.hstack([_differentiate_error(fitted, *find_sensor_effect(label), one) for label, one in held.items()])
+    return np.hstack([_differentiate_error(fitted, *find_sensor_effect(label), setting) for label, setting in held.items()])
 
 
 def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
     """Errors (n, 2) and (m, 4) of some effects together, rad; held by label."""
     sun, earth = sightings.nothing
-    for label, one in held.items():
+    for label, setting in held.items():
         effect, axis = find_sensor_effect(label)
-        more = effect.error(sightings, axis, one.amplitudes, one.parameters)
+        more = effect.error(sightings, axis, setting.amplitudes, setting.parameters)
         sun, earth = sun + more[0], earth + more[1]
     return sun, earth
 
@@ -108,8 +108,8 @@ def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
     sightings = fitted.arc.sightings
     values = [np.polynomial.legendre.legvander(angle / FIELD, DEGREE) for angle in sightings.sun_angles.T]
     powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    own = (sightings.sun_sensor == number)[:, None]
-    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * own  # (n, q)
+    seen_by_head = (sightings.sun_sensor == number)[:, None]
+    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * seen_by_head  # (n, q)
     nothing = np.zeros_like(terms)
     earth = np.zeros((*sightings.used.shape, len(powers)))
     of_alpha, of_beta = (fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms]))

@@ -51,12 +51,15 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitud
         "initial_simplex": simplex, "xatol": ENOUGH, "fatol": ENOUGH_CHI2, "maxfev": TRIALS
     }  # fmt: skip
     change = minimize(lambda x: solve(x)[1], simplex[0], method="Nelder-Mead", options=options).x
-    amplitudes, found, start = solve(change)[0], _move_parameters(held, places, change), 0
-    for label, one in found.items():
-        found[label] = replace(one, amplitudes=amplitudes[start : start + one.amplitudes.size])
-        start += one.amplitudes.size
-    covariance = _estimate_parameter_covariance(fits, found, places)
-    return {label: replace(one, others=_list_near_parameters(label, one, places, covariance)) for label, one in found.items()}
+    amplitudes, improved, start = solve(change)[0], _move_parameters(held, places, change), 0
+    for label, setting in improved.items():
+        improved[label] = replace(setting, amplitudes=amplitudes[start : start + setting.amplitudes.size])
+        start += setting.amplitudes.size
+    covariance = _estimate_parameter_covariance(fits, improved, places)
+    return {
+        label: replace(setting, others=_list_near_parameters(label, setting, places, covariance))
+        for label, setting in improved.items()
+    }
 
 
 def _list_near_parameters(
@@ -72,7 +75,7 @@ def _list_near_parameters(
 
 def _estimate_parameter_covariance(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes], places: Places) -> Array:
     """(q, q) of the logarithms of the parameters, all amplitudes fitted too."""
-    amplitudes = np.concatenate([one.amplitudes for one in held.values()])
+    amplitudes = np.concatenate([setting.amplitudes for setting in held.values()])
 
     def columns(fitted: FittedArc) -> Array:
         ends = [

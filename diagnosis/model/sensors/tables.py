@@ -61,9 +61,9 @@ def build_tables(
     rows, dof = [], []
     for fitted in fits:
         groups = build_groups(fitted, present, held)
-        gram, own = fitted.gram(np.hstack([part for group in groups for part in group.columns]))
+        gram, degrees = fitted.gram(np.hstack([part for group in groups for part in group.columns]))
         rows.append(_factor_gram(gram))
-        dof.append(own)
+        dof.append(degrees)
     stacked = np.vstack(rows)
     amplitudes, placed_groups, start = np.zeros(stacked.shape[1] - 1), [], 0
     for group in groups:
