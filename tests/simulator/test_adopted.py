@@ -33,7 +33,7 @@ def written(tmp_path, folder, recording):
 
     def write(effects=(), covariance=None, **changes):
         settings = [parse(text) for text in effects]
-        count = sum(adopted_scenario.REGISTRY[one.effect].amplitudes(one).size for one in settings)
+        count = sum(adopted_scenario.REGISTRY[setting.effect].amplitudes(setting).size for setting in settings)
         covariance = np.zeros((count, count)) if covariance is None else np.array(covariance)
         text = adopted_scenario.format_adopted(
             "again", str(folder), adopted_scenario.hash_recording(recording), found.G, found.bias, settings, covariance
@@ -49,7 +49,7 @@ def written(tmp_path, folder, recording):
 
 def test_what_is_written_is_what_is_read(written, recording):
     loaded = adopted_scenario.load(written([ORBITAL, "noise_excess:x=1.5"], np.diag([4e-4, 1e-4, 0.01])))
-    assert [one.label() for one in loaded.effects] == ["bias_orbital:z", "noise_excess:x"]
+    assert [effect.label() for effect in loaded.effects] == ["bias_orbital:z", "noise_excess:x"]
     np.testing.assert_allclose(loaded.amplitudes, [0.3 * np.cos(np.radians(40)), 0.3 * np.sin(np.radians(40)), 1.5])
     np.testing.assert_array_equal(np.diag(loaded.covariance), [4e-4, 1e-4, 0.01])
     np.testing.assert_array_equal(loaded.plan.recording.gyro.rates, recording.gyro.rates)

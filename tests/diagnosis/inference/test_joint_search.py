@@ -53,7 +53,7 @@ def test_a_place_has_the_posterior_of_the_sets_that_differ_in_it():
     assert best.key in ({0, 1}, {0, 2})
     member = next(one for one in best.members if one.candidate != 0)
     place = joint.compute_place(best, member)
-    sets = {frozenset(one.key): one.log_posterior for one in joint.explanations}
+    sets = {frozenset(explanation.key): explanation.log_posterior for explanation in joint.explanations}
     logs = np.array([sets[frozenset({0, 1})], sets[frozenset({0, 2})], sets[frozenset({0})]])
     expected = np.exp(logs - logsumexp(logs))
     assert [place.shares[1], place.shares[2], place.rival] == pytest.approx(expected, abs=0.02)

@@ -114,7 +114,7 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
         best = np.argsort(-np.abs(every.T @ y))[:5]
         model = linear_model([other, [every[:, [k]] for k in best]], y)
         entry = model.candidates[1]
-        options = tuple(replace(one, log_weight=-float(np.log(tried))) for one in entry.options)
+        options = tuple(replace(option, log_weight=-float(np.log(tried))) for option in entry.options)
         model = replace(model, candidates=(model.candidates[0], replace(entry, options=options, scanned=True)))
         return Search(model), compute_null_p(Search(model), seed, 199, share)
 

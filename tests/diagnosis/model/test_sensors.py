@@ -26,7 +26,7 @@ from tests.diagnosis.sensor_cases import EFFECTS, ONE, fits_of, recorded
 
 
 def columns_of(groups):
-    return np.hstack([part for one in groups for part in one.columns])
+    return np.hstack([part for group in groups for part in group.columns])
 
 
 def angles_shown(suite, recording, truth):

@@ -47,7 +47,7 @@ def power(model):
 
 @pytest.fixture(scope="module")
 def every(model):
-    return {one.label: one for one in build_signatures(model, list(EFFECTS))}
+    return {signature.label: signature for signature in build_signatures(model, list(EFFECTS))}
 
 
 def linearise_calibrated(recording):
@@ -135,11 +135,11 @@ def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):
     assert told == sorted(told)
     assert found.degrees_of_freedom == 6
     assert "6 degrees of freedom" in found.notes[0]
-    by_label = {one.label: one for one in found.effects}
+    by_label = {effect.label: effect for effect in found.effects}
     assert by_label["time_offset"].verdict != "visible"
     assert by_label["bias_drift:y"].verdict == "visible"
     # Steps of different elements cannot be told apart by so few numbers.
-    assert all(np.isnan(one.snr) or one.snr > SETTINGS.limit_snr for one in found.pairs)
+    assert all(np.isnan(pair.snr) or pair.snr > SETTINGS.limit_snr for pair in found.pairs)
     (extra,) = found.extras
     assert extra.ratio < 1
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
@@ -155,7 +155,7 @@ def found():
     recording = simulator.simulate(SCENARIO, seed=1)
     result = gyrocal.calibrate(recording)
     effects = find_invisible_effects(recording, result.parameters.G, result.parameters.bias, result.sigma)
-    return result, {one.label: one for one in effects}
+    return result, {effect.label: effect for effect in effects}
 
 
 @pytest.mark.parametrize("label", ["scale_quadratic:z", "scale_asymmetry:x"])

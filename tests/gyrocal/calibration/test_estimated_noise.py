@@ -49,7 +49,7 @@ def test_clean_logs_of_ten_minutes_have_uniform_p_values(tmp_path, logs):
     """A slow error of the references is found beside the same estimates."""
     motion = build_motion()
     results = [gyrocal.calibrate(made := read_log(tmp_path, motion, seed)) for seed in range(logs)]
-    assert scipy.stats.kstest([one.p_value for one in results], "uniform").pvalue > 0.01
+    assert scipy.stats.kstest([result.p_value for result in results], "uniform").pvalue > 0.01
     stated = replace(
         made, gyro=replace(made.gyro, arw_estimated=False), attitudes=replace(made.attitudes, sigma_estimated=False)
     )
@@ -81,7 +81,7 @@ def test_the_ratio_to_an_estimated_level_has_its_level():
     """Draws of χ² over an estimate of 50 degrees of freedom are uniform in p."""
     rng = np.random.default_rng(3)
     ratios = rng.chisquare(3000, 4000) / (rng.chisquare(50, 4000) / 50)
-    p = np.array([compute_chi2_p(one, 3000, 50) for one in ratios])
+    p = np.array([compute_chi2_p(ratio, 3000, 50) for ratio in ratios])
     assert abs(np.mean(p < 0.05) - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 4000)
     assert np.allclose(p + [compute_smaller_chi2_p(one, 3000, 50) for one in ratios], 1)
     assert np.mean([scipy.special.chdtrc(3000, one) < 0.05 for one in ratios]) > 0.3

@@ -100,7 +100,7 @@ def test_errors_of_the_parameters_have_the_covariance_with_remainder(kind):
 
 def test_remainder_has_the_size_and_the_side_of_the_simulation():
     results = [one.remainder for one in calibrate_with_remainder("rate error")]
-    assert np.sqrt(np.mean([np.square(one.gyro) for one in results])) == pytest.approx(RATE, rel=0.3)
+    assert np.sqrt(np.mean([np.square(result.gyro) for result in results])) == pytest.approx(RATE, rel=0.3)
     assert np.sqrt(np.mean([np.square(one.reference) for one in results])) < 0.3 * REFERENCE
     delays = [one.remainder.delay_s for one in calibrate_with_remainder("delay")]
     assert np.sqrt(np.mean(np.square(delays))) == pytest.approx(0.01, rel=0.6)

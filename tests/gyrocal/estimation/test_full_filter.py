@@ -73,8 +73,8 @@ def test_right_model(cases):
     rows = []
     for seed in range(cases):
         full, (separate, P) = run_full_and_separate(np.random.default_rng([32, seed]))
-        total = sum(one.innovations.dof.sum() for one in full.runs)
-        dof = sum(one.dof for one in full.changes)
+        total = sum(run.innovations.dof.sum() for run in full.runs)
+        dof = sum(change.dof for change in full.changes)
         rows.append(
             (
                 error_nees(full.parameters.vector, full.covariance),

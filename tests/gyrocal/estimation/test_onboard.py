@@ -40,7 +40,7 @@ def calibrated(seed, openings=None, **options):
 def build_ground_recording(maneuvers, spans, gyro):
     """The maneuvers as a recording for the ground, and their C (maneuvers, 3, 3)."""
     times, first = np.unique(np.array(spans, dtype=float).ravel(), return_index=True)  # maneuvers that touch share one
-    A = np.array([A for one in maneuvers for A in (one.A_start, one.A_end)])[first]
+    A = np.array([A for maneuver in maneuvers for A in (maneuver.A_start, maneuver.A_end)])[first]
     sigma = np.array([np.sqrt(np.diag(P)) for one in maneuvers for P in (one.P_start, one.P_end)])[first]
     intervals = tuple(Interval(f"m{n + 1}", "maneuver", float(a), float(b)) for n, (a, b) in enumerate(spans))
     references = Attitudes(times, attitude.quaternion_from_matrix(A), sigma)
@@ -70,7 +70,7 @@ def outcome(cases, openings=None, **options):
     for seed in range(cases):
         apriori, onboard, maneuvers, _ = calibrated(seed, openings, **options)
         found, P = onboard.solve()
-        by_independence = [compute_independent_covariance(one) for one in maneuvers]
+        by_independence = [compute_independent_covariance(maneuver) for maneuver in maneuvers]
         own = compute_nees((found.vector - TRUTH.vector)[None], P[None])[0]
         solved.append((own, batch_nees(apriori, maneuvers, by_independence)))
         for one, C in zip(maneuvers, by_independence, strict=True):

@@ -49,5 +49,5 @@ def test_normalised_errors_of_a_real_recording_are_near_one():
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
     known = KnownCalibration.build(add_remainder(first, calibrate(first)))
-    for one in compute_prediction_errors(second, known):
-        assert 0.8 < np.sqrt(np.mean(np.square(one.normalised))) < 1.25
+    for error in compute_prediction_errors(second, known):
+        assert 0.8 < np.sqrt(np.mean(np.square(error.normalised))) < 1.25

@@ -175,7 +175,7 @@ def test_angle_white_noise_is_that_of_readings_and_does_not_add_up():
     size, plan = np.deg2rad(2 / 3600), simulator.load("trmm_series")
     with_, without = (simulator.simulate(plan, seed=1, effects=one) for one in ([parse("noise_angle_white:z=2")], []))
     difference, sample_s = (with_.gyro.rates - without.gyro.rates)[:, 2], with_.gyro.sample_s
-    edges = np.searchsorted(with_.gyro.t_s, [[one.start_s, one.stop_s] for one in with_.intervals])
+    edges = np.searchsorted(with_.gyro.t_s, [[interval.start_s, interval.stop_s] for interval in with_.intervals])
     parts = [difference[low:high] for low, high in edges]
     found = overlapping_allan_deviation(parts, sample_s, [1, 8, 64])
     expected = size**2 * compute_allan_variance(ANGLE_WHITE, found.tau_s)

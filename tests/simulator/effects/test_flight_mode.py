@@ -32,7 +32,7 @@ FLOWN = [["+x"], ["+x", "-x"], ["-x"], ["-x", "-y", "-x"], ["-x", "", "-x"], ["-
 def test_modes_of_the_six_maneuvers():
     assert [runs_of(RECORDING, number) for number in range(6)] == FLOWN
     # The names of activities are not read.
-    silent = replace(RECORDING, intervals=tuple(replace(one, activity="+y forward") for one in RECORDING.intervals))
+    silent = replace(RECORDING, intervals=tuple(replace(interval, activity="+y forward") for interval in RECORDING.intervals))
     np.testing.assert_array_equal(forward_axes(silent), forward_axes(RECORDING))
 
 
@@ -80,6 +80,6 @@ def test_a_head_takes_over_at_some_heading_of_a_turn():
     nothing = np.zeros((7, 4))
     seen = References(np.arange(7.0), nothing, np.zeros(7, dtype=int), np.array(["+x"] * 3 + ["-x"] * 4), 5500.0, heading)
     trials = MODE_OFFSET.trials(Surroundings(None, seen, 1e-6, 0.5, np.ones((7, 3))))
-    reached = {tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(one.parameters))[:, 2])) for one in trials}
+    reached = {tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(trial.parameters))[:, 2])) for trial in trials}
     assert reached == {(5, 6), (4, 5, 6), (3, 4, 5, 6), (2, 3, 4, 5, 6)}
     assert sum(one.weight for one in trials) == pytest.approx(1.0)

@@ -16,7 +16,7 @@ NOMINAL = replace(MissionConfig(), tables=build_period_tables()["postcalibration
 
 def flown(*effects, seconds=6000.0, every=1, base=NOMINAL):
     return simulate_mission(
-        apply_mission_settings(base, [parse(one) for one in effects]), seconds=seconds, seed=3, telemetry_every=every
+        apply_mission_settings(base, [parse(effect) for effect in effects]), seconds=seconds, seed=3, telemetry_every=every
     )
 
 

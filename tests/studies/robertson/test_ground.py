@@ -31,7 +31,7 @@ def perfect(misalignments=None, **changes):
     """No noise, square heads, the gyro's parameters known."""
     sensors = build_trmm_sensors(BORESIGHTS[0], misalignments, SQUARE, BORESIGHTS[1])
     base = MissionConfig(
-        sun_sensors=tuple(replace(one, noise=0.0) for one in sensors),
+        sun_sensors=tuple(replace(sensor, noise=0.0) for sensor in sensors),
         earth_sensor=TrueEarthSensor(sigma=1e-7, sigma_s=0.0, swing=0.0, s_filter="off"),
         tables=OnBoardTables(G=R9_G, bias=R9_BIAS, s_filter="off"),
         magnetometer_sigma=0.0,
@@ -64,7 +64,7 @@ def test_a_turned_yaw_reference_is_a_bias_about_x():
     turn = Rotation.from_rotvec([0.0, 0.0, psi]).as_matrix()
     # A noiseless Earth sensor would see yaw by the oblate Earth and outvote the sun sensors.
     base = perfect(forward="-x", earth_sensor=TrueEarthSensor(s_filter="off"))
-    turned = tuple(replace(one, alignment=turn @ one.alignment) for one in base.sun_sensors)
+    turned = tuple(replace(sun_sensor, alignment=turn @ sun_sensor.alignment) for sun_sensor in base.sun_sensors)
     plain, found = solved(base), solved(replace(base, sun_sensors=turned))
     shift = (found.bias - plain.bias)[0]
     yaw = np.mean(found.ground_minus_true[:, 2])
