@@ -135,7 +135,7 @@ def run(
     from studies.montecarlo.criteria import check_independent, draws_independently
     from studies.montecarlo.manifest import write_manifest
     from studies.montecarlo.study import load_config
-    from studies.report import checks, sensitivity
+    from studies.report import checks
     from studies.report import entry as report
 
     settings = load_config(chosen.study, config, changes)
@@ -159,9 +159,6 @@ def run(
             "after a change of the source code choose another --out."
         )
         raise
-    if settings.dispersions:
-        ranking = sensitivity.build_sensitivity_tables(rows, bool(settings.correlations))
-        made = replace(made, tables={**made.tables, **ranking})
     judged = (*checks.check_requirements(answers), *made.checks)
     made = replace(made, checks=judged, findings=(*map(str, answers), *made.findings))
     if answers:
