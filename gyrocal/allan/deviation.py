@@ -33,7 +33,6 @@ FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
 DIFFERENCE_WEIGHTS = (1.0, -2.0, 1.0)
 FINE_AVERAGE_STEPS = 8  # steps in the shorter average
 REACH = 8  # longer averages, beyond which second differences have nothing in common
-DECAY = 6  # time constants, beyond which Markov noise has not
 
 
 @dataclass(frozen=True)
@@ -100,23 +99,16 @@ def overlapping_allan_deviation(
     return Deviation(sample_s, chosen, total / (2.0 * counts * chosen.astype(float) ** 2), counts, lengths)
 
 
-def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
-    """Covariance of the Allan variances of `found`, (t, t).
-
-    Parameters
-    ----------
-    squares : square of the coefficient of each term that is there
-    time_constant_s : of the Markov noise
-    """
+def estimate_covariance(found: Deviation, squares: Mapping[str, float]) -> Array:
+    """Covariance (t, t) of the Allan variances of `found`, by the square of the coefficient of each term that is there."""
     factors = [int(m) for m in found.factors]
     ramp = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2
     out = np.zeros((len(factors), len(factors)))
-    reach_s = DECAY * time_constant_s / found.sample_s
     coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
 
     def compute_kappa(lags: Indices) -> Array:
         parts = (
-            square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
+            square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64))
             for term, square in coloured.items()
         )
         return np.asarray(sum(parts, np.zeros(len(lags))))
@@ -124,8 +116,8 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
             # Lags i − j at which c_ab is summed, and the number of pairs that each stands for.
-            step, reach = max(1, b // FINE_AVERAGE_STEPS), REACH * a + int(min(reach_s, 8 * REACH * a))
-            furthest = min(reach, max(found.lengths)) // step
+            step = max(1, b // FINE_AVERAGE_STEPS)
+            furthest = min(REACH * a, max(found.lengths)) // step
             lags = step * np.arange(-furthest, furthest + 1)
             weights = step * _count_pairs(lags, a, b, found.lengths)
             c = _smooth(lags, a, b, compute_kappa)
