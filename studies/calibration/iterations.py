@@ -172,11 +172,8 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     """Report the error after each iteration, its order, and the initial error from which one iteration is not enough."""
-    tables = {
-        "enough": Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows)),
-        "convergence": Table("Order of convergence", estimate_convergence_orders(rows)),
-    }
-    return Report(tables, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
+    enough = Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows))
+    return Report({"enough": enough}, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "one, two, converged iterations over the size of the initial error", report)
