@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     metavar="'pNN(COLUMN)<LIMIT @ NN%'",
     multiple=True,
     help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
-    "met, not met, or how many further cases would decide it; repeatable.",
+    "met, not met, or how many further cases could show it met; repeatable.",
 )
 @click.option(
     "--fail-on",
