@@ -174,7 +174,8 @@ def build_report(chosen: Entry, settings: Any, outcome: engine.Outcome, answers:
             "after a change of the source code choose another --out."
         )
         raise
-    has_intervals = draws_independently(settings) and good["case"].nunique() >= FEWEST_TOLERANCE_CASES
+    is_row_a_case = good["case"].is_unique and len(good) >= FEWEST_TOLERANCE_CASES
+    has_intervals = is_row_a_case and draws_independently(settings)
     return replace(
         made,
         tables={**made.tables, **({"tolerance": build_tolerance_table(good)} if has_intervals else {})},

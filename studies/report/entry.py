@@ -136,19 +136,18 @@ def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def build_tolerance_table(rows: pd.DataFrame) -> Table:
-    """Median and tolerance interval of each numeric column of a study's good rows; of a case with several rows their mean."""
+    """Median and tolerance interval of each numeric column of a study's good rows, a row a case."""
     lines = []
     for name, values in _select_numbers(rows, ["number"]).astype(float).items():
-        each = values.dropna().groupby(rows["case"]).mean().dropna()
+        found = values.dropna()
         if not str(name).startswith(DISPERSED):
-            low, high = compute_tolerance_interval(each)
-            line = {"column": name, "cases": len(each), "missing": rows["case"].nunique() - len(each)}
-            line |= {"infinite": int(np.isinf(each).sum()), "median": compute_quantile(each, 0.5), "low": low, "high": high}
+            low, high = compute_tolerance_interval(found)
+            line = {"column": name, "cases": len(found), "missing": len(values) - len(found)}
+            line |= {"infinite": int(np.isinf(found).sum()), "median": compute_quantile(found, 0.5), "low": low, "high": high}
             lines.append(line)
     note = (
         "Low to high holds 95 % of all cases that do not fail and have a value, with 95 % confidence, whatever the "
-        "distribution. Missing cases have no value; an end that reaches infinite values is infinite. Of a "
-        "case with several rows their mean counts."
+        "distribution. Missing cases have no value; an end that reaches infinite values is infinite."
     )
     columns = ["column", "cases", "missing", "infinite", "median", "low", "high"]
     return Table("Tolerance intervals", pd.DataFrame(lines, columns=columns), note)

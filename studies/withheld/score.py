@@ -177,10 +177,8 @@ def read_run(path: Path) -> pd.DataFrame:
 def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
     """Tables, two figures, and the comparison with another run."""
     stated, failed = collect_statements(rows), config.cases - len(rows)
-    shown = ["case", "kind", "plan", "grade", "effects", "snr_attitude", "snr_samples", "outcome", "said"]
     tables = {
         "statements": Table("Stated causes", score_statements(stated)),
-        "cases": Table("Cases not answered well", rows[~is_answered_well(rows)][shown]),
         "rates": Table("Rates, with 95 % binomial intervals", compute_rates(rows)),
     }
     if config.compare:

@@ -73,7 +73,7 @@ def test_report(tmp_path):
     rows = draw_rows(count=30)
     rows.to_parquet(tmp_path / "before.parquet")
     made = score.report(WithheldConfig(cases=31, compare=str(tmp_path / "before.parquet")), rows)
-    assert set(made.tables) == {"statements", "cases", "rates", "compare"}
+    assert set(made.tables) == {"statements", "rates", "compare"}
     assert set(made.figures) == {"found", "stated"}
     assert made.check("cases whose diagnosis failed").value == 1
     for name, draw in made.figures.items():
