@@ -26,6 +26,7 @@ import numpy as np
 
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal.allan.deviation import FEWEST_STRETCH_SAMPLES, overlapping_allan_deviation
 from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import prepare_measurements
@@ -153,20 +154,17 @@ class MeasurementSetup:
             references = np.append(prepared.start[rows[0]], prepared.row[rows])
             R = A[references[1:]] @ np.swapaxes(A[references[:-1]], 1, 2)
             before = np.vstack([np.zeros(3), theta[rows[:-1]]])
-            turns.append(theta[rows] - np.einsum("mij,mj->mi", R, before))
             spacing.append(np.diff(np.append(0.0, prepared.elapsed_s[rows])))
-        rates = [np.rad2deg(turn / dt[:, None]) * 3600 for turn, dt in zip(turns, spacing, strict=True)]
-        tau = float(np.median(np.concatenate(spacing)))
+            turns.append(np.rad2deg(theta[rows] - np.einsum("mij,mj->mi", R, before)) * 3600)
+        tau_s = float(np.median(np.concatenate(spacing)))
+        if sum(len(turn) - 1 for turn in turns) < FEWEST_RESIDUAL_RATES:
+            return
         for k, axis in enumerate(AXES):
-            own = [rate[:, k] for rate in rates]
-            if sum(len(u) - 1 for u in own) >= FEWEST_RESIDUAL_RATES:
-                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(own)
-            path = [np.append(0.0, np.cumsum(np.rad2deg(turn[:, k]) * 3600)) for turn in turns]
-            count = 1
-            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST_RESIDUAL_RATES * count:
+            rates = [turn[:, k] / dt for turn, dt in zip(turns, spacing, strict=True)]
+            yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(rates)
+            for count, deviation in compute_allan_deviations([turn[:, k] / tau_s for turn in turns], tau_s):
                 of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
-                yield Statistic("residual rate", of, axis, "deg/h"), compute_allan_deviation(path, count, tau)
-                count *= 2
+                yield Statistic("residual rate", of, axis, "deg/h"), deviation
 
     def _samples(self, recording: Recording) -> Iterator[tuple[Statistic, float]]:
         if not self.quiet or self.noise == 0:
@@ -206,10 +204,13 @@ def compute_lag_correlation(parts: list[Array]) -> float:
     return sum(float(u[1:] @ u[:-1]) for u in parts) / square if square > 0 else float("nan")
 
 
-def compute_allan_deviation(paths: list[Array], count: int, tau_s: float) -> float:
-    """Overlapping Allan deviation of rates from their running sums, in the paths' unit a second.
-
-    σ² = ⟨(x_{j+2n} − 2 x_{j+n} + x_j)²⟩/(2 (nτ)²), IEEE Std 952, over all parts; τ is the usual spacing.
-    """
-    second = np.concatenate([x[2 * count :] - 2 * x[count:-count] + x[: -2 * count] for x in paths if len(x) > 2 * count])
-    return float(np.sqrt(np.mean(second**2) / 2) / (count * tau_s))
+def compute_allan_deviations(parts: list[Array], tau_s: float) -> Iterator[tuple[int, float]]:
+    """Overlapping Allan deviations of rates over 1, 2, 4 … references, as long as enough differences are there for one."""
+    longest = max(map(len, parts))
+    if longest < FEWEST_STRETCH_SAMPLES:
+        return
+    factors = [2**k for k in range(int(np.log2(longest)))]
+    differences = [sum(max(len(part) + 1 - 2 * count, 0) for part in parts) for count in factors]
+    enough = [m for m, count in zip(factors, differences, strict=True) if count >= 2 * FEWEST_RESIDUAL_RATES * m]
+    if enough:
+        yield from zip(enough, overlapping_allan_deviation(parts, tau_s, enough).deviation.tolist(), strict=True)
