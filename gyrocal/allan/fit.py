@@ -71,6 +71,29 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     found : an overlapping Allan deviation, at octaves
     known : (t,) Allan variance of what is there besides, such as the noise of references
     """
+    _check_deviation(found)
+    floor = np.zeros(found.factors.size) if known is None else known
+    # The covariance of what is known is the same under all terms; it costs as much as theirs.
+    white = _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}) if floor.any() else None
+    build = partial(_build_problem, found, floor, white)
+    # A covariance at all needs terms: angle random walk as at the shortest time.
+    first = max(found.variance[0] - floor[0], 1e-3 * found.variance[0]) * found.tau_s[0]
+    rough = min(_fit_all_sets(build({RANDOM_WALK: first})), key=lambda term_set: term_set.cost)
+    best, *others = _select_likely_sets(_fit_all_sets(build(rough.squares)), build)
+    problem = build(best.squares)
+    # A set that is the best with a term more that it does not need is no alternative.
+    alike = [other for other in others if other.cost < best.cost + CHI2_TIE_MARGIN and not set(best.terms) < set(other.terms)]
+    return Fit(
+        estimates=tuple(best.estimate(term) for term in TERMS),
+        degrees=problem.degrees,
+        model=floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0),
+        chi2=best.chi2,
+        dof=found.factors.size - best.logs.size,
+        alternatives=tuple(other.terms for other in alike),
+    )
+
+
+def _check_deviation(found: Deviation) -> None:
     if not np.all(found.variance > 0):
         place = float(found.tau_s[np.argmin(found.variance)])
         raise InputError(
@@ -80,26 +103,6 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
         raise InputError(
             f"Allan deviation: {found.factors.size} averaging times are too few for terms; {FEWEST_TIMES} are needed"
         )
-    floor = np.zeros(found.factors.size) if known is None else known
-    # The covariance of what is known is the same under all terms; it costs as much as theirs.
-    white = _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}) if floor.any() else None
-    build = partial(_build_problem, found, floor, white)
-    # A covariance at all needs terms: angle random walk as at the shortest time.
-    first = max(found.variance[0] - floor[0], 1e-3 * found.variance[0]) * found.tau_s[0]
-    rough = min(_fit_all_sets(build({RANDOM_WALK: first})), key=lambda term_set: term_set.cost)
-    sets = _fit_all_sets(build(rough.squares))
-    least = min(term_set.cost for term_set in sets)
-    # Sets worth a thought, each under the covariance that it predicts itself: a trend scatters less than noise of its size.
-    sets = [_refine_set(term_set, build) for term_set in sets if term_set.cost < least + CANDIDATE_CHI2_MARGIN]
-    sets.sort(key=lambda term_set: term_set.cost)
-    best, others = sets[0], sets[1:]
-    problem = build(best.squares)
-    # A set that is the best with a term more that it does not need is no alternative.
-    alike = [other for other in others if other.cost < best.cost + CHI2_TIE_MARGIN and not set(best.terms) < set(other.terms)]
-    model = floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0)
-    dof = found.factors.size - best.logs.size
-    alternatives = tuple(other.terms for other in alike)
-    return Fit(tuple(best.estimate(term) for term in TERMS), problem.degrees, model, best.chi2, dof, alternatives)
 
 
 @dataclass(frozen=True)
@@ -224,8 +227,13 @@ def _fit_set(terms: tuple[str, ...], problem: _Problem, start: Array | None = No
     return _TermSet(terms, logs, chi2, np.diag(np.linalg.pinv(J.T @ J)), float(-2 * np.log(np.diag(problem.whitening)).sum()))
 
 
-def _refine_set(term_set: _TermSet, build: Callable[[Mapping[str, float]], _Problem]) -> _TermSet:
-    """A set at its best under its own covariance."""
+def _select_likely_sets(sets: list[_TermSet], build: Callable[[Mapping[str, float]], _Problem]) -> list[_TermSet]:
+    """The sets near the best one, each under the covariance that it predicts itself, the best first.
+
+    A trend scatters less than noise of its size.
+    """
+    least = min(term_set.cost for term_set in sets)
+    likely = [term_set for term_set in sets if term_set.cost < least + CANDIDATE_CHI2_MARGIN]
     for _ in range(REWEIGHTING_ROUNDS):
-        term_set = _fit_set(term_set.terms, build(term_set.squares), term_set.logs)
-    return term_set
+        likely = [_fit_set(term_set.terms, build(term_set.squares), term_set.logs) for term_set in likely]
+    return sorted(likely, key=lambda term_set: term_set.cost)
