@@ -11,6 +11,10 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 - ``table.parquet``: all rows in the order of the cases, once all are there
 
 A case that raises or kills its worker is a row with its error; everything else goes on.
+
+The way of a case: `run` makes a `studies.montecarlo.session.Session`, which hands tasks of some cases each to the backend
+(`studies.montecarlo.backends.Executor.results`); a worker runs them (`studies.montecarlo.cases.run_cases`), and the session
+stores the rows that come back as a part.
 """
 
 import fcntl
