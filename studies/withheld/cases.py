@@ -1,9 +1,7 @@
 """A case of ``gyrocal study withheld``: it is drawn by the entropy and its number, diagnosed, and both stand in its row."""
 
 import json
-import resource
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from studies.montecarlo.files import convert_to_plain
 from studies.montecarlo.study import Streams, Study, StudyConfig
+from studies.peak_memory import read_peak_memory_mb, reset_peak_memory
 from studies.withheld.drawing import DrawnCase, draw_case
 from studies.withheld.judgement import decide_outcome, judge_causes, list_size_errors, measure_true_share, score_truth
 
@@ -40,9 +39,9 @@ def run_case(config: WithheldConfig, number: int, streams: Streams) -> dict[str,
     drawn = draw_case(config.entropy, number)
     recording = drawn.world.record(drawn.settings)
     made = time.process_time()
-    _reset_peak_memory()
+    reset_peak_memory()
     answer = diagnose(recording, library=drawn.allowed_names)
-    cost = {"make_s": made - begun, "diagnose_s": time.process_time() - made, "peak_mb": _read_peak_memory()}
+    cost = {"make_s": made - begun, "diagnose_s": time.process_time() - made, "peak_mb": read_peak_memory_mb()}
     return describe_case(drawn) | describe_answer(drawn, answer) | cost
 
 
@@ -92,20 +91,6 @@ def describe_answer(drawn: DrawnCase, diagnosis: Diagnosis) -> dict[str, Any]:
         "closed_high": high,
         "true_closed": measure_true_share(drawn, diagnosis.details) if closure and drawn.effects else np.nan,
     }
-
-
-def _reset_peak_memory() -> None:
-    """Let the system count the peak memory anew; only Linux does."""
-    if (place := Path("/proc/self/clear_refs")).exists():
-        place.write_text("5")
-
-
-def _read_peak_memory() -> float:
-    """Peak memory since then, MB."""
-    place = Path("/proc/self/status")
-    lines = place.read_text().splitlines() if place.exists() else []
-    found = [line.split()[1] for line in lines if line.startswith("VmHWM")]
-    return float(found[0] if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
 
 
 STUDY = Study("studies.withheld.cases:STUDY", WithheldConfig, run_case, make_recording)
