@@ -1,15 +1,10 @@
-"""The C kernel: compiled there and then, laid out in its own way, called through ctypes.
-
-Which vector width, how many steps to a tile and which loop is the outer one is best differs from machine to machine: all are
-compiled and tried, and the fastest counts.
-"""
+"""The C kernel: compiled there and then, laid out in its own way, called through ctypes."""
 
 import ctypes
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
-from itertools import product
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,24 +21,7 @@ COMPILE = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-Wno-psabi", "-c")
 LINK = ("-shared",)
 PAGE = 4096
 SUMS = 45  # P (9) and S of four regressors (36)
-
-
-class Variant(NamedTuple):
-    """One way to compile the kernel; the names are the source's macros."""
-
-    width: int
-    vectors: int
-    tile: int
-    rows_inside: int
-
-    @property
-    def lanes(self) -> int:
-        """Pieces of the stream that run side by side."""
-        return self.width * self.vectors
-
-
-VARIANTS = tuple(Variant(width, 32 // width, tile, inside) for width, tile, inside in product((8, 4), (2, 4), (0, 1)))
-QUICK_VARIANTS = (Variant(8, 4, 2, 0), Variant(4, 8, 4, 0))
+LANES = 32  # of the source: pieces of the stream that run side by side
 
 
 class Packed(NamedTuple):
@@ -67,42 +45,38 @@ def compiler_version() -> str | None:
     return said.splitlines()[0]
 
 
-def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDLL]:
-    """Compile and load the variants.
+def build(folder: Path) -> ctypes.CDLL:
+    """Compile and load the kernel.
 
     A `RuntimeError` if there is no compiler, or it failed; with the last thing it said.
     """
     path = compiler()
     if path is None:
         raise RuntimeError("no C compiler: neither $CC nor cc is there")
-    libraries = {}
-    for number, variant in enumerate(variants):
-        compiled, library = (str(folder / f"kernel{number}{suffix}") for suffix in (".o", ".so"))
-        defines = [f"-D{name.upper()}={value}" for name, value in variant._asdict().items()]
-        for command in ([*COMPILE, *defines, "-DGYROS=3", str(SOURCE), "-o", compiled], [*LINK, compiled, "-o", library]):
-            done = subprocess.run([path, *command], capture_output=True, text=True, check=False)
-            if done.returncode:
-                said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
-                raise RuntimeError(f"the C compiler failed: {said.replace(str(SOURCE), SOURCE.name)}")
-        libraries[variant] = ctypes.CDLL(library)
-    return libraries
+    compiled, library = str(folder / "kernel.o"), str(folder / "kernel.so")
+    for command in ([*COMPILE, str(SOURCE), "-o", compiled], [*LINK, compiled, "-o", library]):
+        done = subprocess.run([path, *command], capture_output=True, text=True, check=False)
+        if done.returncode:
+            said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
+            raise RuntimeError(f"the C compiler failed: {said.replace(str(SOURCE), SOURCE.name)}")
+    return ctypes.CDLL(library)
 
 
-def pack(arcs: Arcs, lanes: int) -> Packed:
+def pack(arcs: Arcs) -> Packed:
     """Cut the outputs' stretches into pieces for one batch of lanes, as even as can be, and lay their increments out."""
     lengths = arcs.last - arcs.first
     low, high = 0, int(lengths.max())  # low: too short for the lanes; high: fits
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if np.sum(-(-lengths // middle)) <= lanes else (middle, high)
+        low, high = (low, middle) if np.sum(-(-lengths // middle)) <= LANES else (middle, high)
     pieces = -(-lengths // high)
     edges = [
         first + length * np.arange(count + 1) // count for first, length, count in zip(arcs.first, lengths, pieces, strict=True)
     ]
     starts, ends = np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
-    if len(starts) > lanes:
-        raise ValueError(f"{len(lengths)} outputs need more than {lanes} lanes")
-    increments = _page_aligned((int((ends - starts).max()), 4, lanes))
+    if len(starts) > LANES:
+        raise ValueError(f"{len(lengths)} outputs need more than {LANES} lanes")
+    increments = _page_aligned((int((ends - starts).max()), 4, LANES))
     for lane, (start, end) in enumerate(zip(starts, ends, strict=True)):
         dt = arcs.dt[start:end]
         increments[: end - start, :3, lane] = arcs.raw[start:end] * dt[:, None]

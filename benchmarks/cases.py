@@ -9,7 +9,6 @@ import time
 
 import numpy as np
 
-from benchmarks.processes import read_peak_rss_mb
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
 from gyrocal.arrays import Array
@@ -17,6 +16,7 @@ from gyrocal.calibration.increment_packing import compute_packed_shape
 from simulator.simulate import realise
 from simulator.streams import generator
 from studies.calibration.shared_truth import get_workspace
+from studies.peak_memory import read_peak_memory_mb
 
 BLOCK = 1000  # cases over which processor time is taken; the least of the blocks counts
 
@@ -50,7 +50,7 @@ def run(count: int) -> dict[str, float | int | None]:
         "cpu_ms_per_case_mean": 1e3 * (time.process_time() - begun) / count,
         "cpu_ms_per_case_least": 1e3 * min(blocks) if blocks else None,
         "largest_sigma": largest,
-        "peak_rss_mb": read_peak_rss_mb(),
+        "peak_rss_mb": read_peak_memory_mb(),
     }
 
 

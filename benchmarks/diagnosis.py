@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.processes import read_peak_rss_mb
 from diagnosis.diagnose import diagnose
 from gyrocal import Attitudes, GyroStream, Interval, Recording
 from gyrocal.arrays import Array
 from simulator.effects import EFFECTS
+from studies.peak_memory import read_peak_memory_mb
 
 SAMPLE_S = 0.01
 INTERVALS = 20
@@ -89,7 +89,7 @@ def run(samples: int, references: int, effects: int, gap: int) -> dict[str, floa
         "gap": gap,
         "verdict": found.verdict,
         "cpu_s": time.process_time() - begun,
-        "peak_rss_mb": read_peak_rss_mb(),
+        "peak_rss_mb": read_peak_memory_mb(),
     }
 
 

@@ -1,10 +1,14 @@
 /* The practical limit of the machine: R and the sums S of four regressors, WIDTH doubles to a vector, VECTORS of them side by
    side, as gyrocal.propagation derives it. A batch is (steps, GYROS + 1, LANES) of [w_raw dt, dt]; its result is (45, LANES).
-   The regressors are the raw rates of three gyros, or the body's of another number, and 1.
+   The regressors are the raw rates of three gyros, and 1.
    Only the series for c and d are here, so the caller keeps |w| dt below their limit. */
 
 #include <string.h>
 
+#define WIDTH 8
+#define VECTORS 4
+#define TILE 2
+#define GYROS 3
 #define LANES (WIDTH * VECTORS)
 #define CHANNELS (GYROS + 1)
 typedef double vec __attribute__((vector_size(8 * WIDTH)));
@@ -48,7 +52,7 @@ static inline __attribute__((always_inline)) void row(const double *in, vec tile
         py += mz * e[0] - mx * e[2];
         pz += mx * e[1] - my * e[0];
         for (int q = 0; q < 4; q++) {
-            vec h = GYROS == 3 || q == 3 ? load(in + (q == 3 ? GYROS : q) * LANES) : e[q];
+            vec h = load(in + q * LANES);
             s[3 * q] += h * mx, s[3 * q + 1] += h * my, s[3 * q + 2] += h * mz;
         }
     }
@@ -59,17 +63,10 @@ static inline __attribute__((always_inline)) void row(const double *in, vec tile
 static inline __attribute__((always_inline)) void tile_of_steps(const double *in, const double *G, const double *b, long size,
                                                                 vec tile[][VECTORS][12], vec state[3][VECTORS][15])
 {
-#if ROWS_INSIDE /* a vector through all its rows, then the next one */
-    for (long v = 0; v < VECTORS; v++) {
-        for (long t = 0; t < size; t++) sensitivity(in + t * CHANNELS * LANES + v * WIDTH, G, b, tile[t][v]);
-        for (int i = 0; i < 3; i++) row(in + v * WIDTH, tile, v, size, state[i][v]);
-    }
-#else
     for (long t = 0; t < size; t++)
         for (long v = 0; v < VECTORS; v++) sensitivity(in + t * CHANNELS * LANES + v * WIDTH, G, b, tile[t][v]);
     for (int i = 0; i < 3; i++)
         for (long v = 0; v < VECTORS; v++) row(in + v * WIDTH, tile, v, size, state[i][v]);
-#endif
 }
 
 static void lanes(const double *in, long steps, const double *G, const double *b, double *out)

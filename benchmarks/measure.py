@@ -75,7 +75,6 @@ class Effort:
 
     # factor on the number of samples → rounds of kernel and C
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
-    variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS  # C variants to compile
     slow: int = 10  # rounds of gtsam
     cases: tuple[int, ...] = (100, 10_000)  # numbers of Monte Carlo cases
     # days of Mission Mode, seconds of it compiled and plain in turn, rounds
@@ -87,7 +86,7 @@ class Effort:
     )
 
 
-QUICK = Effort({1: 20}, c_kernel.QUICK_VARIANTS, 2, (100,), (1.0, 120.0, 1), ((4000, 60, 1, 0),))
+QUICK = Effort({1: 20}, 2, (100,), (1.0, 120.0, 1), ((4000, 60, 1, 0),))
 
 
 def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
@@ -100,8 +99,8 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
     """
     effort, flight, reasons = QUICK if quick else Effort(), Flight.trmm(), dict[str, str]()
     say("the kernel against C")
-    libraries = _build_libraries(effort.variants, reasons)
-    growth = [_measure_growth(flight, finer, rounds, libraries) for finer, rounds in effort.sizes.items()]
+    library = _build_library(reasons)
+    growth = [_measure_growth(flight, finer, rounds, library) for finer, rounds in effort.sizes.items()]
     say("the kernel against a textbook loop and gtsam")
     ms, apart = _measure_others(flight, effort, reasons)
     say("starts of fresh processes")
@@ -165,45 +164,38 @@ def describe_machine() -> dict[str, Any]:
     }
 
 
-Libraries = dict[c_kernel.Variant, ctypes.CDLL]
-
-
-def _build_libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Libraries:
+def _build_library(reasons: dict[str, str]) -> ctypes.CDLL | None:
     with tempfile.TemporaryDirectory() as folder:  # what is loaded outlives its file
         try:
-            return c_kernel.build(variants, Path(folder))
+            return c_kernel.build(Path(folder))
         except RuntimeError as error:
             reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
-            return {}
+            return None
 
 
-def _measure_growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> dict[str, Any]:
-    """Kernel, packing and the fastest C at so many times the samples."""
+def _measure_growth(flight: Flight, finer: int, rounds: int, library: ctypes.CDLL | None) -> dict[str, Any]:
+    """Kernel, packing and C at so many times the samples."""
     arcs, parameters = flight.arcs(finer), flight.initial
     if arcs.beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
-    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    calls = {
-        one: c_kernel.prepare_call(library, packed[one.lanes], parameters.G, parameters.bias)
-        for one, library in libraries.items()
-    }
-    apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
-    _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
+    candidates, apart = {}, None
+    if library is not None:
+        call = c_kernel.prepare_call(library, c_kernel.pack(arcs), parameters.G, parameters.bias)
+        apart = disagreement(call(), expected)
+        _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
+        candidates["c"] = Candidate(call, rounds)
     _check(f"the first pass over {len(arcs.dt)} samples", disagreement(run_unpacked(arcs, parameters), expected), AGREEMENT)
-    candidates = {repr(variant): Candidate(call, rounds) for variant, call in calls.items()}
     candidates["kernel"] = Candidate(lambda: run_packed(arcs, parameters), rounds)
     candidates["first_pass"] = Candidate(lambda: run_unpacked(arcs, parameters), rounds)
     ms = interleave(candidates)
-    best = min(calls, key=lambda variant: ms[repr(variant)], default=None)
-    c_ms = None if best is None else ms[repr(best)]
+    c_ms = ms.get("c")
     return {
         "samples": len(arcs.dt),
         "kernel_ms": ms["kernel"],
         "c_ms": c_ms,
         "kernel_vs_c": None if c_ms is None else ms["kernel"] / c_ms,
         "pack_vs_kernel": ms["first_pass"] / ms["kernel"] - 1,
-        "c_variant": None if best is None else best._asdict(),
         "c_disagreement": apart,
     }
 
@@ -233,6 +225,6 @@ def _measure_others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> 
     return ms, apart
 
 
-def _check(name: str, apart: float | None, limit: float) -> None:
-    if apart is not None and not apart < limit:
+def _check(name: str, apart: float, limit: float) -> None:
+    if not apart < limit:
         raise AssertionError(f"{name} differs from the project's kernel by {apart:.1e}, more than {limit:g}")

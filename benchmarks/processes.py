@@ -24,18 +24,6 @@ def run_module(module: str, *arguments: float, **settings: str) -> dict[str, Any
     return result
 
 
-def read_peak_rss_mb() -> float:
-    """Largest resident memory of this process, MB.
-
-    Where the kernel tells, that of this program alone: ru_maxrss starts from the parent's, which exec does not reset.
-    """
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    peaks = [float(line.split()[1]) for line in lines if line.startswith("VmHWM")]
-    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return 1.024e-3 * peaks[0] if peaks else largest / 1e6 if sys.platform == "darwin" else 1.024e-3 * largest
-
-
 def measure_starts(recording: Recording, rounds: int) -> dict[str, float]:
     """Measure processor times in s: `gyrocal calibrate` with nothing compiled, and the least of the others with it compiled."""
     with tempfile.TemporaryDirectory() as place:

@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from gyrocal.errors import InputError, suggest_names
-from studies.montecarlo.files import write_text
 from studies.report.console import show_progress
 from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
     from studies.montecarlo import engine
-    from studies.montecarlo.criteria import Requirement
-    from studies.report.entry import Entry
+    from studies.montecarlo.criteria import Answer, Requirement
+    from studies.report.entry import Entry, Report
 
 MODULES = {  # of the studies of the list
     "paper": "natanson.paper_tables",
@@ -39,6 +38,7 @@ MODULES = {  # of the studies of the list
     "heads": "robertson.heads",
 }
 STUDY_NAMES = tuple(MODULES)
+FEWEST_TOLERANCE_CASES = 93  # below which no interval holds 95 % of all cases with a confidence of 95 %
 OWN_MODULES = MODULES | {"recovered": "validation.recovered"}  # with the study of the project's own baseline
 
 
@@ -121,7 +121,6 @@ def run(
     console: Console,
     config: Path | None = None,
     junit: Path | None = None,
-    page: Path | None = None,
     requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
@@ -132,10 +131,9 @@ def run(
     chosen = find_entry(name)
 
     from studies.montecarlo import engine
-    from studies.montecarlo.criteria import check_independent, draws_independently
+    from studies.montecarlo.criteria import check_independent
     from studies.montecarlo.manifest import write_manifest
     from studies.montecarlo.study import load_config
-    from studies.report import checks, sensitivity
     from studies.report import entry as report
 
     settings = load_config(chosen.study, config, changes)
@@ -143,44 +141,55 @@ def run(
         check_independent(settings, "--require")
     name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
+    answers = [requirement.judge(outcome.load()) for requirement in requirements]
+    if answers:
+        outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
+    made = build_report(chosen, settings.model_copy(update={"cases": outcome.cases}), outcome, answers)
+    report.write(made, f"Study {name}: {chosen.summary}", folder)
+    write_manifest(folder, outcome.manifest)
+    report.show(made, console)
+    if junit:
+        write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *list_run_verdicts(outcome)])
+    return outcome
+
+
+def build_report(chosen: Entry, settings: Any, outcome: engine.Outcome, answers: Sequence[Answer]) -> Report:
+    """Build the report on the good rows of a run, with the answers to its requirements first and tolerance intervals last."""
+    from studies.montecarlo.criteria import draws_independently
+    from studies.report.checks import check_requirements
+    from studies.report.entry import build_tolerance_table
+
     rows = outcome.load()
     good = rows[rows["error"] == ""].reset_index(drop=True)
     if good.empty:
         raise InputError(
-            f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}; {folder}/failures has the tracebacks, "
-            "and --retry-failed runs the cases again"
+            f"{outcome.folder}: every case failed, the first one with {rows['error'].iloc[0]}; {outcome.folder}/failures has "
+            "the tracebacks, and --retry-failed runs the cases again"
         )
-    answers = [requirement.judge(rows) for requirement in requirements]
     try:
-        made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
+        made = chosen.report(settings, good)
     except Exception as error:
         error.add_note(
             f"The report failed; {outcome.table} has the rows. The same command makes the report again; "
             "after a change of the source code choose another --out."
         )
         raise
-    if settings.dispersions:
-        ranking = sensitivity.build_sensitivity_tables(rows, bool(settings.correlations))
-        made = replace(made, tables={**made.tables, **ranking})
-    judged = (*checks.check_requirements(answers), *made.checks)
-    made = replace(made, checks=judged, findings=(*map(str, answers), *made.findings))
-    if answers:
-        outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
-    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
-    whole, title = replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}"
-    report.write(whole, title, folder)
-    write_manifest(folder, outcome.manifest)
-    if page:
-        from studies.report.pages import build_provenance_footer
+    is_row_a_case = good["case"].is_unique and len(good) >= FEWEST_TOLERANCE_CASES
+    has_intervals = is_row_a_case and draws_independently(settings)
+    return replace(
+        made,
+        tables={**made.tables, **({"tolerance": build_tolerance_table(good)} if has_intervals else {})},
+        checks=(*check_requirements(answers), *made.checks),
+        findings=(*map(str, answers), *made.findings),
+    )
 
-        write_text(page, report.build_study_page(whole, title, folder, build_provenance_footer()).render_html())
-    report.show(made, console)
-    if junit:
-        failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
-        if until := outcome.manifest.get("until"):
-            failed.append(Verdict(until["asked"], "" if until["met"] else f"{until['half_width']:.3g} {until['values']}"))
-        write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *failed])
-    return outcome
+
+def list_run_verdicts(outcome: engine.Outcome) -> list[Verdict]:
+    """Failed cases and the criterion of --until as verdicts."""
+    verdicts = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
+    if until := outcome.manifest.get("until"):
+        verdicts.append(Verdict(until["asked"], "" if until["met"] else f"{until['half_width']:.3g} {until['values']}"))
+    return verdicts
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:

@@ -75,7 +75,7 @@ def build_model(
 def rank_explanations(model: LinearModel, nothing: float) -> list[Explanation]:
     """Rank the explanations of a table's difference, the likeliest first; `nothing` is the prior share of chance alone.
 
-    A table has few candidates and flexible ones, so that the best sets of each size grow side by side: one of four timings
+    A table has few candidates and flexible ones, so that the best sets of each size grow side by side: one of several timings
     alone explains little.
     """
     search = Search(model)

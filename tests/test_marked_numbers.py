@@ -37,7 +37,8 @@ def format_table(rows, head):
 
 def tabulate_withheld():
     folder = RESULTS / "studies" / "withheld"
-    rows = [["cases", pd.read_csv(folder / "outcomes.csv")["cases"].sum()]]
+    manifest = read_json(folder.relative_to(RESULTS) / "manifest.json")
+    rows = [["cases", manifest["done"] - manifest["failed"]]]
     for one in pd.read_csv(folder / "rates.csv").itertuples():
         bounds = f"{100 * one.share:.0f} %; {100 * one.low:.0f} to {100 * one.high:.0f} %"
         rows.append([one.what, f"{one.hits} of {one.cases} ({bounds})"])

@@ -33,7 +33,6 @@ FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
 DIFFERENCE_WEIGHTS = (1.0, -2.0, 1.0)
 FINE_AVERAGE_STEPS = 8  # steps in the shorter average
 REACH = 8  # longer averages, beyond which second differences have nothing in common
-DECAY = 6  # time constants, beyond which Markov noise has not
 
 
 @dataclass(frozen=True)
@@ -100,47 +99,41 @@ def overlapping_allan_deviation(
     return Deviation(sample_s, chosen, total / (2.0 * counts * chosen.astype(float) ** 2), counts, lengths)
 
 
-def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
-    """Covariance of the Allan variances of `found`, (t, t).
-
-    Parameters
-    ----------
-    squares : square of the coefficient of each term that is there
-    time_constant_s : of the Markov noise
-    """
+def estimate_covariance(found: Deviation, squares: Mapping[str, float]) -> Array:
+    """Covariance (t, t) of the Allan variances of `found`, by the square of the coefficient of each term that is there."""
     factors = [int(m) for m in found.factors]
-    ramp = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2
+    ramp, white = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2, squares.get(ANGLE_WHITE, 0.0)
+    kappa = _build_coloured_covariance(squares, found.sample_s)
     out = np.zeros((len(factors), len(factors)))
-    reach_s = DECAY * time_constant_s / found.sample_s
-    coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
-
-    def compute_kappa(lags: Indices) -> Array:
-        parts = (
-            square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
-            for term, square in coloured.items()
-        )
-        return np.asarray(sum(parts, np.zeros(len(lags))))
-
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
             # Lags i − j at which c_ab is summed, and the number of pairs that each stands for.
-            step, reach = max(1, b // FINE_AVERAGE_STEPS), REACH * a + int(min(reach_s, 8 * REACH * a))
-            furthest = min(reach, max(found.lengths)) // step
+            step = max(1, b // FINE_AVERAGE_STEPS)
+            furthest = min(REACH * a, max(found.lengths)) // step
             lags = step * np.arange(-furthest, furthest + 1)
-            weights = step * _count_pairs(lags, a, b, found.lengths)
-            c = _smooth(lags, a, b, compute_kappa)
-            total = weights @ (2 * c**2 + 4 * ramp[i] * ramp[j] * c)
-            white = squares.get(ANGLE_WHITE, 0.0)
+            c, trend = _smooth(lags, a, b, kappa), 4 * ramp[i] * ramp[j]
+            total = step * _count_pairs(lags, a, b, found.lengths) @ (2 * c**2 + trend * c)
             if white:
                 single = _compute_white_weights(a, b)
                 place = np.array(sorted(single), dtype=np.intp)
                 own = white * np.array([single[int(k)] for k in place])
-                smooth = _smooth(place, a, b, compute_kappa)
-                pairs = _count_pairs(place, a, b, found.lengths)
-                total += pairs @ (4 * smooth * own + 2 * own**2 + 4 * ramp[i] * ramp[j] * own)
+                c = _smooth(place, a, b, kappa)
+                total += _count_pairs(place, a, b, found.lengths) @ (4 * c * own + 2 * own**2 + trend * own)
             scale = 4.0 * found.counts[i] * found.counts[j] * found.tau_s[i] ** 2 * found.tau_s[j] ** 2
             out[i, j] = out[j, i] = total / scale
     return out
+
+
+def _build_coloured_covariance(squares: Mapping[str, float], sample_s: float) -> Callable[[Indices], Array]:
+    """κ of all terms but angle white noise and the ramp, as a function of lags in samples."""
+    coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
+
+    def compute_kappa(lags: Indices) -> Array:
+        t_s = np.asarray(lags * sample_s, dtype=np.float64)
+        parts = (square * compute_term_covariance(term, t_s) for term, square in coloured.items())
+        return np.asarray(sum(parts, np.zeros(len(lags))))
+
+    return compute_kappa
 
 
 def _count_pairs(lags: Indices, a: int, b: int, lengths: tuple[int, ...]) -> Array:

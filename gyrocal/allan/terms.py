@@ -10,7 +10,6 @@ variance is that over 2τ², and covariances of Allan variances follow too (`gyr
 | angle random walk N    | N²                               | −N² |t|/2                         | N²/τ                 |
 | bias instability B     | B²/(2π f)                        | B² t² ln|t|/(2π)                  | 2 ln 2 B²/π          |
 | rate random walk K     | K²/(2πf)²                        | K² |t|³/12                        | K² τ/3               |
-| Markov noise σ, T      | 2σ²T/(1 + (2πfT)²)               | −σ²T² s(|t|/T), s = x − 1 + e^(−x) | from κ               |
 | rate ramp R            | none: a trend                    | none                              | R² τ²/2              |
 | sinusoid Ω, f₀         | a line                           | none                              | Ω² sin⁴(πf₀τ)/(πf₀τ)² |
 
@@ -22,17 +21,16 @@ import numpy as np
 
 from gyrocal.arrays import Array
 
-ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
+ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, RAMP = TERMS = (
     "angle white noise",
     "angle random walk",
     "bias instability",
     "rate random walk",
-    "Markov noise",
     "rate ramp",
 )
 
 
-def compute_term_covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
+def compute_term_covariance(term: str, t_s: Array) -> Array:
     """κ(t) of a random term per square of its coefficient, without the part of angle white noise at t = 0; as t_s."""
     t = np.abs(np.asarray(t_s, dtype=float))
     if term == ANGLE_WHITE:
@@ -43,18 +41,10 @@ def compute_term_covariance(term: str, t_s: Array, time_constant_s: float = 1.0)
         return np.asarray(t**2 * np.log(np.where(t > 0, t, 1.0)) / (2 * np.pi))
     if term == RATE_WALK:
         return np.asarray(t * t * t / 12)
-    if term == MARKOV:
-        return np.asarray(-(time_constant_s**2) * _compute_settling_integral(t / time_constant_s))
     raise ValueError(f"{term} is not random")
 
 
-def _compute_settling_integral(x: Array) -> Array:
-    """x − 1 + e^(−x), by its series where that loses digits."""
-    # Products, since numpy takes the cube and higher powers by logarithms, at the cost of all the rest.
-    return np.asarray(np.where(x < 1e-3, x * x * (1 / 2 - x * (1 / 6 - x / 24)), x + np.expm1(-x)))
-
-
-def compute_allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Array:
+def compute_allan_variance(term: str, tau_s: Array) -> Array:
     """Allan variance of a term per square of its coefficient, as tau_s."""
     tau = np.asarray(tau_s, dtype=float)
     if term == ANGLE_WHITE:
@@ -67,14 +57,7 @@ def compute_allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0
         return np.asarray(tau / 3)
     if term == RAMP:
         return np.asarray(tau**2 / 2)
-    x = tau / time_constant_s
-    # Where τ is far below T the two parts of κ nearly cancel: 8 s(x) − 2 s(2x) with s(x) = x − 1 + e^(−x).
-    difference = np.where(
-        x < 1e-2,
-        x * x * x * (4 / 3 - x * (1 - 7 * x / 15)),
-        8 * _compute_settling_integral(x) - 2 * _compute_settling_integral(2 * x),
-    )
-    return np.asarray(difference / (2 * x * x))
+    raise ValueError(f"{term} is no term")
 
 
 def compute_sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:

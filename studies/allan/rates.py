@@ -60,40 +60,42 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
 
     An `InputError` if the interval does not exist, or no stretch of it shows the noise.
     """
-    names = [one.name for one in recording.intervals]
-    if interval is not None and interval not in names:
-        raise InputError(f"--interval {interval}: no such interval; there are {', '.join(names)}")
-    notes: list[str] = []
-
-    @cache
-    def calibration() -> tuple[GyroParameters, list[str]]:
-        return _calibrate_or_use_stated(recording)  # costs seconds, and only a motion asks for it
-
-    used = mark_interval_samples(recording)
-    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    none = np.zeros(recording.gyro.t_s.size, dtype=bool)
-    rates = recording.gyro.rates
-    noise = estimate_local_noise(rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
-    still = find_quiet_samples(rates, noise)
-    chosen = [one for one in recording.intervals if interval in (None, one.name)]
-    runs = [(one, run) for one in chosen for run in _find_usable_runs(recording, one, used & still, noise)]
-    if not runs:  # a body that moves gently all the time; the references say how
-        runs = [(one, run) for one in chosen for run in _find_usable_runs(recording, one, used & still, None)]
-    found, lost = list[Stretch](), 0
-    for one, (low, high) in runs:
-        stretch = _build_stretch(recording, one, slice(low, high), lambda: calibration()[0])
-        lost += stretch is None
-        found += [] if stretch is None else [stretch]
-    if lost:
-        notes.append(f"{lost} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")
+    calibrate_once = cache(lambda: _calibrate_or_use_stated(recording))  # costs seconds, and only a motion asks for it
+    built = [
+        _build_stretch(recording, one, slice(low, high), lambda: calibrate_once()[0])
+        for one, (low, high) in _find_quiet_runs(recording, _select_intervals(recording, interval))
+    ]
+    found = tuple(stretch for stretch in built if stretch is not None)
     if not found:
         where = "the recording" if interval is None else f"interval {interval}"
         raise InputError(f"no stretch of {where} shows the gyro's noise: all of it moves, or it is shorter than 256 samples")
-    if not all(stretch.rest for stretch in found):
-        notes += calibration()[1]
+    notes = [] if all(stretch.rest for stretch in found) else list(calibrate_once()[1])
+    if lost := len(built) - len(found):
+        notes.append(f"{lost} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")
     if any(np.isnan(stretch.p_value) for stretch in found):
         notes.append("Without references inside a stretch nobody says that the body did not move: slow motion counts as noise")
-    return tuple(found), tuple(notes)
+    return found, tuple(notes)
+
+
+def _select_intervals(recording: Recording, interval: str | None) -> list[Interval]:
+    """All intervals, or the one of a name."""
+    names = [one.name for one in recording.intervals]
+    if interval is not None and interval not in names:
+        raise InputError(f"--interval {interval}: no such interval; there are {', '.join(names)}")
+    return [one for one in recording.intervals if interval in (None, one.name)]
+
+
+def _find_quiet_runs(recording: Recording, intervals: list[Interval]) -> list[tuple[Interval, tuple[int, int]]]:
+    """Runs of samples of some intervals in which the rates do not visibly change."""
+    gyro, none = recording.gyro, np.zeros(recording.gyro.t_s.size, dtype=bool)
+    sigma = gyro.arw / np.sqrt(gyro.sample_s)
+    noise = estimate_local_noise(gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
+    usable = mark_interval_samples(recording) & find_quiet_samples(gyro.rates, noise)
+    for levels in (noise, None):  # None: of a body that moves gently all the time, the references say how
+        runs = [(one, run) for one in intervals for run in _find_usable_runs(recording, one, usable, levels)]
+        if runs:
+            return runs
+    return []
 
 
 def _calibrate_or_use_stated(recording: Recording) -> tuple[GyroParameters, list[str]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gyrocal.allan.terms import MARKOV, RANDOM_WALK, compute_allan_variance
+from gyrocal.allan.terms import RANDOM_WALK, compute_allan_variance
 from gyrocal.calibration.parameters import AXIS_NAMES
 from studies.allan.analysis import (
     COEFFICIENT_UNITS,
@@ -15,7 +15,6 @@ from studies.allan.analysis import (
     AxisNoise,
     NoiseAnalysis,
     convert_to_display_unit,
-    describe_step,
     describe_stretch,
 )
 from studies.report import tables
@@ -24,10 +23,7 @@ from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, draw_panel
 from studies.report.tables import NO_VALUE
 
 OFF = 4.0  # sigma, from which on a departure from what is stated is worth a sentence
-ALLAN_TERMS_NOTE = (
-    "Sigma assumes that the terms not seen are zero; a bound is one-sided, 95 %. A term is not seen if the fit is as good "
-    "without it."
-)
+ALLAN_TERMS_NOTE = "Sigma assumes that the terms not seen are zero. A term is not seen if the fit is as good without it."
 CAPTION = (
     "Overlapping Allan deviation with its 95 % band (χ² with the equivalent degrees of freedom of Greenhall & Riley for the "
     "strongest term at each time), the sum of the fitted terms, each term by itself, and the stated angle random walk."
@@ -35,47 +31,23 @@ CAPTION = (
 
 
 def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
-    """A row for each term and axis, as texts."""
+    """A row for each term that is seen and each line, of each axis, as texts."""
     rows = []
     for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         for one in axis.fit.estimates:
             estimate, (unit, factor) = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term]
-            row = {"axis": name, "term": one.term, "value": f"not seen, below {estimate.upper:.2g}", "sigma": NO_VALUE}
-            row |= {"unit": unit, "time constant": NO_VALUE, "stated": NO_VALUE}
-            if estimate.seen:
-                value, sigma = (tables.format_to_sigma(x, estimate.sigma) for x in (estimate.value, estimate.sigma))
-                row |= {"value": value, "sigma": sigma}
-            if estimate.seen and one.term == MARKOV:
-                row["time constant"] = f"{estimate.time_constant_s:.3g} ± {estimate.time_constant_sigma_s:.2g} s"
-            if found.arw and one.term == RANDOM_WALK:
-                row["stated"] = tables.format_number(found.arw * factor)
-            rows.append(row)
-        rows += _build_sinusoid_rows(name, axis)
+            stated = tables.format_number(found.arw * factor) if found.arw and one.term == RANDOM_WALK else NO_VALUE
+            cells = _format_cells(estimate.value, estimate.sigma) if one.seen else {"value": "not seen", "sigma": NO_VALUE}
+            rows.append({"axis": name, "term": one.term} | cells | {"unit": unit, "stated": stated})
+        for line in axis.lines:
+            term = f"sinusoid, period {1 / line.frequency_hz:.4g} s"
+            cells = _format_cells(line.amplitude * RATE, line.sigma * RATE)
+            rows.append({"axis": name, "term": term} | cells | {"unit": RATE_UNIT, "stated": NO_VALUE})
     return pd.DataFrame(rows)
 
 
-def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
-    base = {
-        "axis": name,
-        "term": "sinusoid",
-        "sigma": NO_VALUE,
-        "unit": RATE_UNIT,
-        "time constant": NO_VALUE,
-        "stated": NO_VALUE,
-    }
-    if not axis.sinusoid.found:
-        upper = axis.sinusoid.upper * RATE
-        period = {"time constant": f"periods up to {axis.sinusoid.longest_s:.3g} s"}
-        return [base | period | {"value": "not seen" if np.isnan(upper) else f"not seen, below {upper:.2g}"}]
-    return [
-        base
-        | {
-            "value": tables.format_to_sigma(line.amplitude * RATE, line.sigma * RATE),
-            "sigma": tables.format_to_sigma(line.sigma * RATE, line.sigma * RATE),
-            "time constant": f"period {1 / line.frequency_hz:.4g} s",
-        }
-        for line in axis.sinusoid.found
-    ]
+def _format_cells(value: float, sigma: float) -> dict[str, str]:
+    return {"value": tables.format_to_sigma(value, sigma), "sigma": tables.format_to_sigma(sigma, sigma)}
 
 
 def list_remarks(found: NoiseAnalysis) -> list[str]:
@@ -84,19 +56,13 @@ def list_remarks(found: NoiseAnalysis) -> list[str]:
     for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         walk = axis.fit.estimate(RANDOM_WALK)
         if found.arw and not walk.seen:
-            out.append(f"{name}: no angle random walk is seen; it is below {walk.upper / found.arw:.2g} times the stated one.")
+            out.append(f"{name}: no angle random walk is seen.")
         elif found.arw and abs(walk.value - found.arw) > OFF * walk.sigma:
             off, ratio = abs(walk.value - found.arw) / walk.sigma, walk.value / found.arw
             out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {off:.0f} sigma off.")
-        for row in (describe_step(place, step, found.stretches) for place, step in axis.steps):
-            where = f'{row["size"]:+.3g} {row["unit"]} at {row["time_s"]:.0f} s in "{row["interval"]}"'
-            out.append(
-                f"{name}: one step of the rate, {where}, fits far better than a drift. The terms of slow noise and ramps "
-                "contain it. gyrocal diagnose separates such a step from noise."
-            )
         for other in axis.fit.alternatives:
             out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")
-    return [*out, *found.notes]
+    return [*out, *found.notes, f"Lines are looked for with periods up to {found.longest_period_s:.3g} s."]
 
 
 def draw_allan_figure(found: NoiseAnalysis) -> Figure:
@@ -112,7 +78,7 @@ def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
         Line(tau, np.sqrt(axis.model) * RATE, "all terms", RED, "-"),
     ]
     for one, style in zip([one for one in axis.fit.estimates if one.seen], ("--", ":", "-."), strict=False):
-        own = one.value * np.sqrt(compute_allan_variance(one.term, tau, one.time_constant_s))
+        own = one.value * np.sqrt(compute_allan_variance(one.term, tau))
         lines.append(Line(tau, own * RATE, one.term, DARK, style))
     if arw > 0:
         lines.append(Line(tau, arw / np.sqrt(tau) * RATE, "stated", GREY, "-"))
@@ -124,7 +90,7 @@ def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
 def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None) -> Page:
     """Build the page."""
     table = build_terms_table(found)
-    seen = [not str(value).startswith("not seen") for value in table["value"]]
+    seen = list(table["value"] != "not seen")
     picture = Picture("allan", partial(draw_allan_figure, found), describe_allan_figure(found), CAPTION)
     rests = "Rests are used as recorded. Elsewhere the motion by the references is subtracted."
     stretches = pd.DataFrame([describe_stretch(one) for one in found.stretches])

@@ -9,13 +9,12 @@ that could do for twelve parameters; whether they do depends on their rates.
 The sigmas are those of the data together with the plausible range as a prior, P = (Σ⁻¹ + W)⁻¹: finite for every subset, and
 where the data determine everything larger than their own by at most the factor (1 + 1/s²)^½, s the smallest singular value.
 What a subset tells altogether is its information ½ Σ log₂(1 + s²), in bits: by how many halvings it shrinks the plausible
-volume. It can be shared out among the maneuvers by Shapley's value, the mean over all orders of flying them of what each adds.
+volume.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import combinations, product
-from math import comb
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +38,6 @@ from studies.report.units import PPM_DEG_H, name_columns
 REFERENCE_PLACEMENTS = ("ends", "series")
 MOST_INTERVALS = 10
 SIGMAS = name_columns("sigma")
-GROWTHS = [f"growth_{name}" for name in NAMES]
 
 
 class ManeuversNeededConfig(GridConfig):
@@ -117,39 +115,16 @@ def find_minimal_subsets(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def compute_leave_one_out(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """Compute the gain by each maneuver, a row each, from the rows of one kind of references.
-
-    lost and combinations are not determined without it; most_helped is the parameter whose sigma grows most without it.
-    """
+    """Factor by which each sigma grows without a maneuver, a row each, from the rows of one kind of references."""
     intervals = load_base_scenario(config).interval
     by_set = dict(zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True))
-    everything = frozenset(i.name for i in intervals)
-    full = by_set[everything]
-    shares = compute_shapley_values({own: row["information_bits"] for own, row in by_set.items()}, everything)
-    out = []
+    everything = frozenset(interval.name for interval in intervals)
+    full, growths = by_set[everything], {}
     for interval in intervals:
         rest = by_set.get(everything - {interval.name})
-        if rest is None:  # a scenario of a single interval
-            continue
-        growth = np.array([rest[name] / full[name] for name in SIGMAS])
-        line = {"maneuver": interval.name, "activity": interval.activity, "lost": rest["lost"]}
-        line |= {"combinations": rest["combinations"], "bits_added": full["information_bits"] - rest["information_bits"]}
-        line |= {"shapley_bits": shares[interval.name], "most_helped": NAMES[int(growth.argmax())], "by": growth.max()}
-        out.append(line | dict(zip(GROWTHS, growth.tolist(), strict=True)))
-    return pd.DataFrame(out)
-
-
-def compute_shapley_values(information: dict[frozenset[str], float], everything: Iterable[str]) -> dict[str, float]:
-    """Each member's mean addition over all orders; information by subset, that of the empty one zero."""
-    members = sorted(everything)
-    n = len(members)
-    out = dict.fromkeys(members, 0.0)
-    for name in members:
-        for own, value in information.items():
-            if name in own:
-                before = information.get(own - {name}, 0.0)
-                out[name] += (value - before) / (n * comb(n - 1, len(own) - 1))
-    return out
+        if rest is not None:  # else a scenario of a single interval
+            growths[f"{interval.name}: {interval.activity}"] = [rest[name] / full[name] for name in SIGMAS]
+    return pd.DataFrame.from_dict(growths, orient="index", columns=list(NAMES))
 
 
 def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
@@ -168,10 +143,9 @@ def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
 
 SMALLEST_SUBSET_NOTE = "Of the smallest subsets that determine all twelve parameters the best conditioned one is named."
 LOST = "What the other maneuvers together do not determine, for the smallest sets that may not all be left out."
-TELLS = "Information is shared out by Shapley's value, the mean addition over all orders of flying the maneuvers."
 
 
-def _build_checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) -> list[Check]:
+def _build_checks(rows: pd.DataFrame, references: str) -> list[Check]:
     """Build the checks of one kind of references."""
     at = f"references at {references}"
     least = find_minimal_subsets(rows)
@@ -193,25 +167,16 @@ def _build_checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references:
     members = needed["without"].str.count("\\+")
     for line in needed[members == members.min()].to_dict("records"):
         out.append(Check(f"lost without {line['without']}, {at}", line["combinations"], meaning=LOST))
-    table = compute_leave_one_out(config, rows)
-    if len(table):
-        most = table.sort_values("shapley_bits").iloc[-1]
-        out.append(Check(f"maneuver that tells most, {at}", f"{most['maneuver']} ({most['activity']})", meaning=TELLS))
-        out.append(Check(f"what it tells, {at}", most["shapley_bits"], None, "bits"))
     return out
 
 
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
-    """Smallest determining subsets, indispensable maneuvers, and what each adds."""
+    """Smallest determining subsets, indispensable maneuvers, and what each adds to the sigmas."""
     kinds = {references: rows[rows["references"] == references] for references in REFERENCE_PLACEMENTS}
     shown = ["references", "maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
     least = pd.concat([find_minimal_subsets(chosen)[shown] for chosen in kinds.values()])
-    added = pd.concat([compute_leave_one_out(config, chosen).assign(references=kind) for kind, chosen in kinds.items()])
-    tables = {
-        "minimal": Table("Smallest determining subsets", least),
-        "added": Table("What each maneuver adds", added.drop(columns=GROWTHS, errors="ignore")),
-    }
-    checks = [check for kind, chosen in kinds.items() for check in _build_checks(config, chosen, kind)]
+    checks = [check for kind, chosen in kinds.items() for check in _build_checks(chosen, kind)]
+    tables = {"minimal": Table("Smallest determining subsets", least)}
     return Report(tables, {"left_out": _draw_growth_figure(config, kinds)}, tuple(checks))
 
 
@@ -219,9 +184,7 @@ def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.Da
     """Growth of each sigma when one maneuver is left out."""
     drawn = []
     for kind, rows in kinds.items():
-        table = compute_leave_one_out(config, rows)
-        names = [f"{maneuver}: {activity}" for maneuver, activity in zip(table["maneuver"], table["activity"], strict=True)]
-        grid = table[GROWTHS].set_axis(names).set_axis(NAMES, axis=1)[::-1]
+        grid = compute_leave_one_out(config, rows)[::-1]
         drawn.append(panels.make_heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
     title = "factor by which a sigma grows when one maneuver is left out"
     return panels.build_sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)

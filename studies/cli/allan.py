@@ -27,7 +27,7 @@ def command(
     """Compute the overlapping Allan deviation of the noise in RECORDING, with the noise terms of IEEE Std 952.
 
     The raw rates of rests are used. Elsewhere the motion is estimated from the references and subtracted. The table has the
-    size of each term with its sigma, or an upper bound if it is not seen, beside the value stated in the recording.
+    size of each term that is seen with its sigma, beside the value stated in the recording.
     RECORDING may be a CSV table of a gyro alone, with --time, --gyro and further options of import csv. See
     docs/allan.md.
 

@@ -9,7 +9,7 @@ import click
 
 from gyrocal.errors import InputError
 from studies import catalogue
-from studies.cli.options import PAGE, PATH, STATUS, add_jobs_option, add_output_option, parse_assignment, parse_duration
+from studies.cli.options import PATH, STATUS, add_jobs_option, add_output_option, parse_assignment, parse_duration
 from studies.montecarlo.files import write_json
 from studies.report.console import make_console
 
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     "--rerun", "again", type=click.IntRange(0), help="Repeat this one case of the study in the folder and keep its recording."
 )
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
-@add_output_option("--report", help=PAGE)
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
@@ -55,7 +54,7 @@ if TYPE_CHECKING:
     metavar="'pNN(COLUMN)<LIMIT @ NN%'",
     multiple=True,
     help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
-    "met, not met, or how many further cases would decide it; repeatable.",
+    "met, not met, or how many further cases could show it met; repeatable.",
 )
 @click.option(
     "--fail-on",
@@ -79,7 +78,6 @@ def command(
     cases: int | None,
     entropy: int | None,
     again: int | None,
-    report: Path | None,
     as_json: Path | None,
     until: str | None,
     required: tuple[str, ...],
@@ -97,7 +95,7 @@ def command(
     \b
     Examples:
       gyrocal study
-      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi --report /tmp/psi.html
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
       gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
       gyrocal study paper --out /tmp/paper --rerun 17
       gyrocal study ./mystudy.py --cases 1440 --require 'p99.73(largest_error_ppm)<40 @ 90%'
@@ -126,7 +124,7 @@ def command(
     options |= _parse_criteria(until, required)
     words = _parse_fail_on(fail_on, {"failed": True, "until": bool(until), "require": bool(required)})
     terminal = make_console()
-    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, page=report, **options)
+    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)

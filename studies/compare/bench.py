@@ -92,23 +92,12 @@ class PreparedScenario:
         _check_alike(name, recording, plain)
         # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
         ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
-        amplitudes = scenario.amplitudes
-        sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
-        # Amplitudes of the effects that are functions of the motion.
-        counts = [REGISTRY[one.effect].amplitudes(one).size for one in scenario.effects]
-        predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in scenario.effects]
-        places = np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
-        stated = _compute_response(scenario, plain, scenario.effects)
-        base = ruler.state(plain)
+        places, base = _find_predicted_amplitudes(scenario), ruler.state(plain)
         Q = np.linalg.qr(base.H)[0]
-        slopes: list[Response] = []
-        W = np.empty((base.z.size, places.size))
+        stated = _compute_response(scenario, plain, scenario.effects)
+        slopes, W = [], np.empty((base.z.size, places.size))
         for column, place in enumerate(places):
-            step = float(sigma[place]) or max(RELATIVE_STEP * abs(float(amplitudes[place])), LEAST_DERIVATIVE_STEP)
-            moved = amplitudes.copy()
-            moved[place] += step
-            other = _compute_response(scenario, plain, scenario.replace_amplitudes(moved))
-            change = Response(other.rates - stated.rates, other.references - stated.references)
+            change, step = _differentiate_response(scenario, plain, stated, int(place))
             # By a step as small as its sigma: a unit of an amplitude may be many degrees.
             W[:, column] = (base.z - ruler.state(change.subtract_from(plain)).z) / step
             slopes.append(Response(change.rates / step, change.references / step))
@@ -155,6 +144,25 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
     names = [interval.name for interval in recording.intervals]
     if names != [interval.name for interval in flown.intervals]:
         raise InputError(f"{name}: has intervals of other names than the recording's {', '.join(names)}")
+
+
+def _find_predicted_amplitudes(scenario: AdoptedScenario) -> NDArray[np.intp]:
+    """Places, among all amplitudes, of those of the effects that are functions of the motion."""
+    counts = [REGISTRY[one.effect].amplitudes(one).size for one in scenario.effects]
+    predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in scenario.effects]
+    return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
+
+
+def _differentiate_response(
+    scenario: AdoptedScenario, plain: Recording, stated: Response, place: int
+) -> tuple[Response, float]:
+    """Change of the response by a step of one amplitude, and the step."""
+    moved = scenario.amplitudes.copy()
+    sigma = 0.0 if scenario.covariance is None else float(np.sqrt(scenario.covariance[place, place]))
+    step = sigma or max(RELATIVE_STEP * abs(float(moved[place])), LEAST_DERIVATIVE_STEP)
+    moved[place] += step
+    other = _compute_response(scenario, plain, scenario.replace_amplitudes(moved))
+    return Response(other.rates - stated.rates, other.references - stated.references), step
 
 
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:

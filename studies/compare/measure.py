@@ -6,28 +6,27 @@ the residuals θ of N (16) that are left, in body axes:
 - *mean square*: χ²/dof, θ whitened by the calibrator's own covariance of noise as stated
 - *rms*: of each interval and of each phase of the intervals (start, slew, hold, end), by axis
 - *residual rate* u_j = (θ_j − R_j θ_{j−1})/Δt_j, R_j the rotation between two references: its correlation from one reference
-  to the next (−½ where references' noise is all there is), its spectrum in thirds of the band up to half the references'
-  rate, and its overlapping Allan deviation over 1, 2, 4 … references
+  to the next (−½ where references' noise is all there is), and its overlapping Allan deviation over 1, 2, 4 … references
 - *samples* where the body's motion is smooth: mean square of second differences in units of that of the stated noise, 6 σ²;
-  their correlation from one to the next (−⅔ for white noise), spectrum, largest one, and share of repeated samples
+  their correlation from one to the next (−⅔ for white noise), largest one, and share of repeated samples
 - *parameters*: the calibrated G and b
 
-Of the samples only the upper two octaves and second differences are looked at, only where the smoothed rates have next to no
-second difference, half a window and more away from where they do and from the ends: the motion of a replay still holds the
-recording's noise below the corner frequency of the smoothing's window (docs/compare.md, "Effect of smoothing"). A quadratic
-over n samples lets 9/(4n) of the noise's power pass, most of it below 1.5/n cycles a sample.
+Of the samples only second differences are looked at, only where the smoothed rates have next to no second difference, half a
+window and more away from where they do and from the ends: the motion of a replay still holds the recording's noise below the
+corner frequency of the smoothing's window (docs/compare.md, "Effect of smoothing"). A quadratic over n samples lets 9/(4n) of
+the noise's power pass, most of it below 1.5/n cycles a sample.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import periodogram
 
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal.allan.deviation import FEWEST_STRETCH_SAMPLES, overlapping_allan_deviation
 from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import prepare_measurements
@@ -38,9 +37,8 @@ from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 AXES = "xyz"
 CALIBRATION_ITERATIONS = 3
-FEWEST_RESIDUAL_RATES = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
+FEWEST_RESIDUAL_RATES = 8  # residual rates of all intervals, for a correlation
 SHORTEST_QUIET_RUN = 64  # quiet samples in a row
-SEGMENT = 64  # samples of a segment of a spectrum
 WINDOW = 41  # samples over which the motion is smoothed at least, to see where it is smooth
 MOTION_S = 20.0  # s; a longer window says nothing more of where the motion is smooth
 SMOOTH = 1 / 3  # of the noise: second differences of the motion below it are smooth
@@ -156,22 +154,17 @@ class MeasurementSetup:
             references = np.append(prepared.start[rows[0]], prepared.row[rows])
             R = A[references[1:]] @ np.swapaxes(A[references[:-1]], 1, 2)
             before = np.vstack([np.zeros(3), theta[rows[:-1]]])
-            turns.append(theta[rows] - np.einsum("mij,mj->mi", R, before))
             spacing.append(np.diff(np.append(0.0, prepared.elapsed_s[rows])))
-        rates = [np.rad2deg(turn / dt[:, None]) * 3600 for turn, dt in zip(turns, spacing, strict=True)]
-        tau = float(np.median(np.concatenate(spacing)))
+            turns.append(np.rad2deg(theta[rows] - np.einsum("mij,mj->mi", R, before)) * 3600)
+        tau_s = float(np.median(np.concatenate(spacing)))
+        if sum(len(turn) - 1 for turn in turns) < FEWEST_RESIDUAL_RATES:
+            return
         for k, axis in enumerate(AXES):
-            own = [rate[:, k] for rate in rates]
-            if sum(len(u) - 1 for u in own) >= FEWEST_RESIDUAL_RATES:
-                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(own)
-            for name, level in compute_band_powers(own):
-                yield Statistic("residual rate", f"spectrum, {name}", axis, "deg/h"), level
-            path = [np.append(0.0, np.cumsum(np.rad2deg(turn[:, k]) * 3600)) for turn in turns]
-            count = 1
-            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST_RESIDUAL_RATES * count:
+            rates = [turn[:, k] / dt for turn, dt in zip(turns, spacing, strict=True)]
+            yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(rates)
+            for count, deviation in compute_allan_deviations([turn[:, k] / tau_s for turn in turns], tau_s):
                 of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
-                yield Statistic("residual rate", of, axis, "deg/h"), compute_allan_deviation(path, count, tau)
-                count *= 2
+                yield Statistic("residual rate", of, axis, "deg/h"), deviation
 
     def _samples(self, recording: Recording) -> Iterator[tuple[Statistic, float]]:
         if not self.quiet or self.noise == 0:
@@ -185,10 +178,6 @@ class MeasurementSetup:
             yield Statistic("samples", "largest", axis, "sigma"), float(np.abs(joined).max())
             repeats = np.concatenate([np.abs(np.diff(x)) < REPEAT for x in parts])
             yield Statistic("samples", "repeated", axis, "1"), float(repeats.mean())
-            frequency, power = average_spectrum(parts)
-            for name, low, high in (("octave below the highest", 0.125, 0.25), ("highest octave", 0.25, 0.5)):
-                band = (frequency > low) & (frequency <= high)
-                yield Statistic("samples", f"spectrum, {name}", axis, "1"), float(power[band].mean() / self.noise**2)
 
 
 def find_quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
@@ -215,39 +204,13 @@ def compute_lag_correlation(parts: list[Array]) -> float:
     return sum(float(u[1:] @ u[:-1]) for u in parts) / square if square > 0 else float("nan")
 
 
-def compute_band_powers(parts: list[Array]) -> Iterator[tuple[str, float]]:
-    """Root of the mean power in each third of the band up to half the rate of the references, of the longer parts."""
-    long = [u for u in parts if len(u) >= FEWEST_RESIDUAL_RATES]
-    if not long:
+def compute_allan_deviations(parts: list[Array], tau_s: float) -> Iterator[tuple[int, float]]:
+    """Overlapping Allan deviations of rates over 1, 2, 4 … references, as long as enough differences are there for one."""
+    longest = max(map(len, parts))
+    if longest < FEWEST_STRETCH_SAMPLES:
         return
-    frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
-    power = np.concatenate([compute_hann_power(u, "constant") for u in long])
-    for number, name in enumerate(("lowest third", "middle third", "highest third")):
-        band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
-        if band.any():
-            yield name, float(np.sqrt(power[band].mean()))
-
-
-def compute_allan_deviation(paths: list[Array], count: int, tau_s: float) -> float:
-    """Overlapping Allan deviation of rates from their running sums, in the paths' unit a second.
-
-    σ² = ⟨(x_{j+2n} − 2 x_{j+n} + x_j)²⟩/(2 (nτ)²), IEEE Std 952, over all parts; τ is the usual spacing.
-    """
-    second = np.concatenate([x[2 * count :] - 2 * x[count:-count] + x[: -2 * count] for x in paths if len(x) > 2 * count])
-    return float(np.sqrt(np.mean(second**2) / 2) / (count * tau_s))
-
-
-def average_spectrum(parts: list[Array]) -> tuple[Array, Array]:
-    """Frequencies in cycles a sample, and the spectrum averaged over all segments; 1 for white noise of variance 1.
-
-    Segments of `SEGMENT` samples overlap by half; each is rid of its trend and has a Hann window.
-    """
-    half = SEGMENT // 2
-    segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
-    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), compute_hann_power(segments, "linear").mean(axis=0)
-
-
-def compute_hann_power(values: Array, detrend: Literal["constant", "linear"]) -> Array:
-    """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
-    power = periodogram(values, window="hann", detrend=detrend, return_onesided=False)[1]
-    return np.asarray(power[..., : values.shape[-1] // 2 + 1])
+    factors = [2**k for k in range(int(np.log2(longest)))]
+    differences = [sum(max(len(part) + 1 - 2 * count, 0) for part in parts) for count in factors]
+    enough = [m for m, count in zip(factors, differences, strict=True) if count >= 2 * FEWEST_RESIDUAL_RATES * m]
+    if enough:
+        yield from zip(enough, overlapping_allan_deviation(parts, tau_s, enough).deviation.tolist(), strict=True)

@@ -28,7 +28,7 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool, ShutdownExecutorError
 
 from gyrocal.errors import GyrocalError, InputError
-from studies.montecarlo.cases import Result, Task, end_child, list_running_cases
+from studies.montecarlo.cases import Result, Task, end_child
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
@@ -62,10 +62,6 @@ class Executor:
     def window(self) -> int:
         """Most tasks that are handed out at a time."""
         return 1
-
-    def list_running(self, folder: str) -> dict[int, float]:
-        """List the cases that run, which their processes note in a folder, with their ages in s."""
-        return list_running_cases(folder)
 
     def close(self, finished: bool) -> None:
         """Let go of the workers; if not finished, stop what they are doing."""
@@ -219,10 +215,6 @@ class _Dask(Executor):
             if isinstance(error, CancelledError) or self.client.status != "running":
                 raise self._lose_scheduler() from None
             raise
-
-    def list_running(self, folder: str) -> dict[int, float]:
-        found = self.client.run(list_running_cases, folder).values()  # each worker sees those of its machine
-        return {case: age for one in found for case, age in one.items()}
 
     def _lose_scheduler(self) -> SchedulerLostError:
         return SchedulerLostError(f"dask scheduler {self.scheduler!r}: the connection is lost")

@@ -19,13 +19,12 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ ONE_AT_A_TIME = threading.Lock()
 class Task:
     """Cases to run: name of the study, its resolved configuration as JSON, case numbers, folder of a study that is a file.
 
-    `limit_s` is the longest time of a case, 0 without a limit, and `watch` the folder in which a process notes its case.
+    `limit_s` is the longest time of a case, 0 without a limit.
     """
 
     study: str
@@ -54,7 +53,6 @@ class Task:
     cases: range
     folder: str = ""
     limit_s: float = 0.0
-    watch: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,29 +89,6 @@ def run_single_threaded() -> Iterator[Counter[str]]:
         yield messages
 
 
-@contextmanager
-def _note_cases(folder: str) -> Iterator[Callable[[int], object]]:
-    """Yield a function that notes which case begins, in a file of this process; nothing without a folder."""
-    if not folder:
-        yield lambda case: None
-        return
-    Path(folder).mkdir(exist_ok=True)
-    path = Path(folder, str(os.getpid()))
-    with path.open("wb", buffering=0) as file:
-        yield lambda case: os.pwrite(file.fileno(), b"%-20d" % case, 0)
-    path.unlink(missing_ok=True)
-
-
-def list_running_cases(folder: str) -> dict[int, float]:
-    """List the cases that processes of this machine have noted in a folder, with their ages in s."""
-    found = {}
-    for path in Path(folder).glob("*"):
-        with suppress(OSError, ValueError):
-            os.kill(int(path.name), 0)  # one that was killed has left its file
-            found[int(path.read_text())] = time.time() - path.stat().st_mtime
-    return found
-
-
 def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
     """Run the cases of a task, one after the other; `kinds`, what each column holds, is that of earlier cases, and grows."""
     study = find(task.study, task.folder)
@@ -121,14 +96,13 @@ def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
     kinds = {} if kinds is None else kinds
     rows: list[dict[str, Any]] = []
     tracebacks: dict[int, str] = {}
-    with ONE_AT_A_TIME, _note_cases(task.watch) as note, run_single_threaded() as messages:
+    with ONE_AT_A_TIME, run_single_threaded() as messages:
         if task.limit_s:
             singles = (replace(task, cases=range(case, case + 1)) for case in task.cases)
-            return merge_results(_run_limited(one, kinds, note) for one in singles)
+            return merge_results(_run_limited(single, kinds) for single in singles)
         made_with = describe_provenance(study)  # before the cases, while what was imported is young
         start = time.process_time()
         for case in task.cases:
-            note(case)
             try:
                 rows += _compute_case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
@@ -201,11 +175,10 @@ class _Child:
         )
         theirs.close()
 
-    def run(self, task: Task, kinds: dict[str, str], note: Callable[[int], object]) -> Result:
-        """Run the case of a task and note its begin; `EOFError` if the child ends before it, or does not end it in time."""
+    def run(self, task: Task, kinds: dict[str, str]) -> Result:
+        """Run the case of a task; `EOFError` if the child ends before it, or does not end it in time."""
         self.pipe.send((task, kinds))
         self.pipe.recv()  # the study is imported
-        note(task.cases.start)
         if not self.pipe.poll(task.limit_s + GRACE_S):
             self.trace.write(f"No answer {GRACE_S:g} s after the limit.\n")
             raise EOFError
@@ -226,12 +199,12 @@ class _Child:
 _children: list[_Child] = []  # of this process, one at most
 
 
-def _run_limited(task: Task, kinds: dict[str, str], note: Callable[[int], object]) -> Result:
+def _run_limited(task: Task, kinds: dict[str, str]) -> Result:
     """Run a single case in a child process: one that takes longer than the limit, or kills the child, failed."""
     if not _children:
         _children.append(_Child())
     try:
-        return _children[0].run(task, kinds, note)
+        return _children[0].run(task, kinds)
     except (EOFError, ConnectionError):
         return build_ended_result(task, end_child())
     except BaseException:
@@ -253,6 +226,6 @@ def serve(pipe: int, trace: int) -> None:
             describe_provenance(find(task.study, task.folder))  # is no part of the case's time
             worker.send(None)
             faulthandler.dump_traceback_later(task.limit_s, exit=True, file=trace)
-            result = run_cases(replace(task, limit_s=0.0, watch=""), kinds)
+            result = run_cases(replace(task, limit_s=0.0), kinds)
             faulthandler.cancel_dump_traceback_later()
             worker.send((result, kinds))

@@ -42,7 +42,6 @@ REQUIREMENT_USAGE = (
     "50 and 100 %, e.g. 'p99.73(pointing_deg)<0.4 @ 90%'"
 )
 DEFAULT_CONFIDENCE = 90.0  # %, the consumer's risk of 10 % of the report named above
-MOST_RUNS = 1e12  # beyond which a number of further cases is stated as none
 
 
 def _match_criterion(form: re.Pattern[str], text: str, option: str, usage: str) -> tuple[re.Match[str], float]:
@@ -160,18 +159,14 @@ class Answer:
     empty: int
     infinite: int
     fewest: int  # further cases that show it met if all of them keep the limit; 0 if it is decided
-    # further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
-    expected: float
 
     def __str__(self) -> str:
         kinds = {"failed": self.failed, "without a value": self.empty, "infinite": self.infinite}
         parts = [f"{count} {kind}" for kind, count in kinds.items() if count]
         among = f", among them {' and '.join(parts)}" if parts else ""
         found = f"{self.requirement}: {self.outcome}; {self.beyond} of {self.cases} cases are beyond the limit{among}"
-        if self.outcome != "undecided":
-            return f"{found}."
-        more = f"about {self.expected:.0f}" if self.expected < MOST_RUNS else "no number"
-        return f"{found}. Further cases that decide it: {self.fewest} if all keep the limit, {more} at the share so far."
+        more = f" {self.fewest} further cases show it met if all keep the limit." if self.outcome == "undecided" else ""
+        return f"{found}.{more}"
 
 
 @dataclass(frozen=True)
@@ -223,11 +218,8 @@ class Requirement:
         q, risk = self.failure_probability, 1 - self.confidence / 100
         met, missed = (tail(beyond, cases, q) <= risk for tail in (compute_tail_below, compute_tail_above))
         outcome: Outcome = "met" if met else "not met" if missed else "undecided"
-        fewest, expected = 0, 0.0
-        if outcome == "undecided":
-            fewest = count_runs(beyond, q, risk) - cases
-            expected = _estimate_runs(beyond / cases, cases, q, risk) - cases if beyond else fewest
-        return Answer(str(self), outcome, cases, beyond, failed, empty, infinite, fewest, expected)
+        fewest = count_runs(beyond, q, risk) - cases if outcome == "undecided" else 0
+        return Answer(str(self), outcome, cases, beyond, failed, empty, infinite, fewest)
 
 
 def compute_tail_below(count: float, cases: float, q: float) -> float:
@@ -246,20 +238,6 @@ def count_runs(beyond: int, q: float, risk: float) -> int:
     That is P(the failure after these comes later than case N), a negative binomial's tail.
     """
     return beyond + 1 + int(stats.nbinom.isf(risk, beyond + 1, q))
-
-
-def _estimate_runs(share: float, cases: int, q: float, risk: float) -> float:
-    """Cases that decide a requirement if this share of them lies beyond the limit; infinite if that is the allowed share."""
-    tail = compute_tail_below if share < q else compute_tail_above
-    low, high = cases, 2 * cases
-    while tail(share * high, high, q) > risk:
-        low, high = high, 2 * high
-        if high > MOST_RUNS:
-            return math.inf
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if tail(share * middle, middle, q) > risk else (low, middle)
-    return float(high)
 
 
 def check_independent(config: StudyConfig, option: str) -> None:

@@ -11,20 +11,22 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 - ``table.parquet``: all rows in the order of the cases, once all are there
 
 A case that raises or kills its worker is a row with its error; everything else goes on.
+
+The way of a case: `run` makes a `studies.montecarlo.session.Session`, which hands tasks of some cases each to the backend
+(`studies.montecarlo.backends.Executor.results`); a worker runs them (`studies.montecarlo.cases.run_cases`), and the session
+stores the rows that come back as a part.
 """
 
 import fcntl
 import json
 import logging
 import os
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -32,12 +34,12 @@ from pydantic import ValidationError
 
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
-from studies.montecarlo.backends import Executor, Name, SchedulerLostError, open_backend
-from studies.montecarlo.cases import Result, Task, build_ended_result, merge_results, run_cases, run_single_threaded
-from studies.montecarlo.criteria import StoppingRule, list_checkpoints
-from studies.montecarlo.files import write_bytes
-from studies.montecarlo.manifest import MANIFEST, collect_versions, describe_provenance, list_changes, write_manifest
-from studies.montecarlo.store import ANOTHER_FOLDER, PartInfo, Parts, build_table
+from studies.montecarlo.backends import Name, open_backend
+from studies.montecarlo.cases import Task, run_cases, run_single_threaded
+from studies.montecarlo.criteria import StoppingRule
+from studies.montecarlo.manifest import MANIFEST, collect_versions, describe_provenance, list_changes
+from studies.montecarlo.session import Session
+from studies.montecarlo.store import ANOTHER_FOLDER, Parts, build_table
 from studies.montecarlo.study import (
     GridConfig,
     Streams,
@@ -51,15 +53,9 @@ from studies.montecarlo.study import (
 
 logger = logging.getLogger(__name__)
 
-SEED_FORMULA = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
+TABLE = "table.parquet"  # of all rows
 
-Display = Callable[..., AbstractContextManager[Callable[[int], None]]]
-
-
-class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
-    """Ctrl-C stopped the study; the message says how far it is and that the same command resumes it."""
-
-    exit_status = 130  # as shells have it
+Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,7 @@ class Rerun:
     same: bool | None
 
 
-def show_no_progress(label: str, total: int, *, running: object) -> AbstractContextManager[Callable[[int], None]]:
+def show_no_progress(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
     """No progress."""
     return nullcontext(lambda count: None)
 
@@ -140,8 +136,8 @@ def run(
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
-    progress : (label, cases left, and as `running` what lists the cases that run with their ages in s) to a context with a
-        function that is told how many more have ended; for example ``studies.report.console.show_progress``
+    progress : (label, cases left) to a context with a function that is told how many more have ended; for example
+        ``studies.report.console.show_progress``
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
     limit_s : time after which a case is ended and has failed; none by default
@@ -162,26 +158,32 @@ def run(
         parts = Parts(folder, config.cases, about["config_sha256"])
         about |= collect_versions(["distributed"] if backend == "dask" else [])
         about |= {"backend": backend, "jobs": None, "limit_s": limit_s}
-        session = _Session(parts, about, earlier, describe_provenance(study))
+        session = Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
         resumed = session.done
-        table = folder / "table.parquet"
         with session.record_ending():
             session.write("running")
             if missing:
-                workers = open_backend(backend, run_cases, jobs, scheduler)
-                with TemporaryDirectory(prefix="gyrocal-") as watch, run_single_threaded() as messages, workers:
-                    watched, running = partial(task_for, limit_s=limit_s, watch=watch), partial(workers.list_running, watch)
-                    with progress(study.name, sum(map(len, missing)), running=running) as advance:
-                        session.finish(partial(session.run_cases, workers, watched, advance), missing, until)
+                workers, count = open_backend(backend, run_cases, jobs, scheduler), sum(map(len, missing))
+                with run_single_threaded() as messages, workers, progress(study.name, count) as advance:
+                    compute = partial(session.run_cases, workers, partial(task_for, limit_s=limit_s), advance)
+                    session.finish(compute, missing, until)
                 session.count(messages)
             else:
                 session.finish(lambda cases: None, missing, until)
-            parts.write_table(table, session.cases)
+            parts.write_table(folder / TABLE, session.cases)
             manifest = session.write("complete")
-    failures, warnings = dict(sorted(session.failures.items())), dict(session.warnings)
-    ran = session.cases, min(resumed, session.cases), failures, warnings, manifest["wall_s"], session.cpu_s
-    return Outcome(folder, table, *ran, manifest)
+    return Outcome(
+        folder=folder,
+        table=folder / TABLE,
+        cases=session.cases,
+        resumed=min(resumed, session.cases),
+        failures=dict(sorted(session.failures.items())),
+        warnings=dict(session.warnings),
+        wall_s=manifest["wall_s"],
+        cpu_s=session.cpu_s,
+        manifest=manifest,
+    )
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
@@ -292,146 +294,3 @@ def open_study_folder(folder: Path) -> Iterator[None]:
         except OSError:
             raise InputError(f"{folder}: another run is at work in this folder; wait for it or choose another folder") from None
         yield
-
-
-class _Session:
-    """One run of a study in its folder: what the manifest says of it, what is done, and what failed."""
-
-    def __init__(self, parts: Parts, about: Mapping[str, Any], earlier: Mapping[str, Any] | None, made_with: Any) -> None:
-        self.parts, self.before, self.made_with, self.cases = parts, earlier or {}, made_with, parts.cases
-        self.begun = time.monotonic()
-        self.about = {**about, **made_with}
-        self.done, self.cpu_s = 0, 0.0
-        self.failures: dict[int, str] = {}
-        self.warnings: Counter[str] = Counter()
-
-    def count(self, warnings: Mapping[str, int]) -> None:
-        """Add to the run's warnings; each is logged when it is first met."""
-        for text in warnings:
-            if text not in self.warnings:
-                logger.warning(text)
-        self.warnings.update(warnings)
-
-    def find_missing_cases(self, retry_failed: bool) -> list[range]:
-        """The cases that are still to be computed, part by part."""
-        self.parts.remove_temporary()
-        missing = []
-        for cases in self.parts.list_ranges():
-            info = self.parts.inspect(cases)
-            if isinstance(info, str):
-                self.count({f"{self.parts.path(cases.start)} is damaged ({info}) and is computed again": 1})
-            if not isinstance(info, PartInfo) or (retry_failed and info.failures):
-                missing.append(cases)
-            else:
-                self._add(cases, *info)
-        self.about["resumed"] = self.done
-        if self.done and self.before:
-            self._check_provenance(bool(missing))
-        return missing
-
-    def _check_provenance(self, more: bool) -> None:
-        """Refuse finished rows of other source code, and more rows than those on another machine."""
-        before = {name: self.before.get(name) for name in self.made_with}
-        elsewhere = list_changes(before["machine"] or {}, self.made_with["machine"])
-        if before["sources"] != self.made_with["sources"]:
-            files = list_changes(before["sources"], self.made_with["sources"], values=False) if before["sources"] else ""
-            how = f"before {files or 'the source code'} changed"
-        elif elsewhere and more:
-            how = f"elsewhere ({elsewhere})"
-        else:
-            self.about |= before  # a run that makes no rows leaves what made them
-            return
-        raise InputError(f"{self.parts.folder}: {self.done} finished cases were computed {how}; {ANOTHER_FOLDER}")
-
-    def finish(self, run_missing: Callable[[list[range]], None], missing: list[range], until: StoppingRule | None) -> None:
-        """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
-        for stop in list_checkpoints(self.cases, self.parts.size) if until else [self.cases]:
-            now = [cases for cases in missing if cases.stop <= stop]
-            missing = missing[len(now) :]
-            if now:
-                run_missing(now)
-            if until is None:
-                return
-            table, columns = self.parts.table(stop), list(dict.fromkeys(["case", "error", until.column]))
-            rows = (table.select(columns) if until.column in table.column_names else table).to_pandas()
-            width, values = until.half_width(rows), until.describe_values(rows)
-            self.about["until"] = {"asked": str(until), "half_width": width, "values": values, "met": width < until.limit}
-            if width < until.limit:
-                self.cases = self.done = stop
-                self.failures = {case: error for case, error in self.failures.items() if case < stop}
-                return
-
-    def run_cases(
-        self, workers: Executor, task_for: Callable[..., Task], advance: Callable[[int], None], missing: list[range]
-    ) -> None:
-        """Run cases; those of a task whose worker died are run again, each alone."""
-        died = []
-        try:
-            for task, result in workers.results(map(task_for, missing)):
-                if result is None:
-                    died.append(task)
-                else:
-                    self._store(task.cases, result)
-                    advance(len(task.cases))
-            for task in died:
-                singles = [task_for(range(case, case + 1)) for case in task.cases]
-                alone = (result or build_ended_result(single) for single, result in workers.results(singles, alone=True))
-                self._store(task.cases, merge_results(alone))
-                advance(len(task.cases))
-        finally:
-            self.about["jobs"] = workers.jobs
-
-    def _store(self, cases: range, result: Result) -> None:
-        """Store a part; its tracebacks first, so that a part that is there is complete."""
-        if result.made_with not in (None, self.made_with):
-            differs = list_changes(self.made_with["machine"], result.made_with["machine"])
-            files = list_changes(self.made_with["sources"], result.made_with["sources"], values=False)
-            raise InputError(f"a worker differs ({differs or files}); make them alike, or undo what was edited during the run")
-        for case in cases:
-            path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
-            if case in result.tracebacks:
-                write_bytes(path, result.tracebacks[case].encode())
-            else:
-                path.unlink(missing_ok=True)  # it failed in an earlier run
-        self.parts.write(cases, result.rows, result.cpu_s)
-        self._add(cases, result.failures, result.cpu_s)
-        self.count(result.warnings)
-
-    def _add(self, cases: range, failures: Mapping[int, str], cpu_s: float) -> None:
-        self.done += len(cases)
-        self.failures.update(failures)
-        self.cpu_s += cpu_s
-
-    def write(self, status: str) -> dict[str, Any]:
-        """Write the manifest, and return it without the hashes."""
-        document = self.about | {
-            "cases": self.cases,
-            "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEED_FORMULA},
-            "status": status,
-            "wall_s": round(time.monotonic() - self.begun, 3),
-            "cpu_s": round(self.cpu_s, 3),
-            "done": self.done,
-            "failed": len(self.failures),
-            "failures": {str(case): self.failures[case] for case in sorted(self.failures)},
-            "warnings": dict(self.warnings),
-        }
-        write_manifest(self.parts.folder, document, complete=status == "complete")
-        return document
-
-    @contextmanager
-    def record_ending(self) -> Iterator[None]:
-        """Whatever ends the run early is written down, and said in one line if it is not the program's fault."""
-        try:
-            yield
-        except BaseException as error:
-            with suppress(OSError):  # a full disk must not hide how the run ended
-                self.write("interrupted")
-            safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
-            if isinstance(error, KeyboardInterrupt):
-                raise StudyInterrupted(f"interrupted; {safe}; the same command resumes") from None
-            if isinstance(error, SchedulerLostError):
-                raise SchedulerLostError(f"{error}; {safe}; start it again there, and the same command resumes") from None
-            if isinstance(error, OSError):
-                where, why = error.filename or self.parts.folder, error.strerror or error
-                raise InputError(f"{where}: {why}; {safe}; the same command resumes") from None
-            raise

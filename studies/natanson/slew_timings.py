@@ -1,21 +1,14 @@
-"""Timings of the slews, which N and R do not publish: the assumed ones, and a scan over others.
-
-The scan says how much the agreement with the flight owes to the assumed timings.
-"""
+"""A scan over timings of the slews, which N and R do not publish: how much the agreement owes to the assumed ones."""
 
 from itertools import product
 from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from simulator.scenario import IntervalSection, Scenario
-from studies.natanson import flight
 from studies.natanson.flight_diagnosis.table import simulate_residuals
-from studies.natanson.flight_diagnosis.timings import replace_slew_timings
-from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS, compute_noise_free_residuals, predict_residuals
-
-SLEWING = (*YAW_INTERVALS, MINUS_Y)
+from studies.natanson.flight_diagnosis.timings import SLEWING, replace_slew_timings
+from studies.natanson.flight_gap import compute_clean_gap_rms, compute_gap_rms, predict_residuals
 
 
 class CommonTiming(NamedTuple):
@@ -37,6 +30,11 @@ class CommonTiming(NamedTuple):
         last = self.delay_s + duration + (len(section.slew) - 1) * stay
         return duration <= stay and last <= section.stop_s - section.start_s
 
+    def apply(self, section: IntervalSection) -> IntervalSection:
+        """An interval with these timings of its slews."""
+        stay = self.stay_s if len(section.slew) > 1 else 0.0
+        return replace_slew_timings(section, self.delay_s, self.compute_duration(section), self.ramp_fraction, stay)
+
 
 SCANNED = {
     "delay_s": (0.0, 30.0, 60.0, 90.0, 120.0),
@@ -48,25 +46,10 @@ SCANNED = {
 
 def scan_common_timings(scenario: Scenario) -> pd.DataFrame:
     """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out."""
-    flown, clean = flight.read_published_residuals("prelaunch"), compute_noise_free_residuals()
-    still = [k for k in range(len(scenario.interval)) if k not in SLEWING]
-    kept = predict_residuals(scenario)[still]
-    candidates = [CommonTiming(*values) for values in product(*SCANNED.values())]
-    timings = [one for one in candidates if all(one.is_flyable(scenario.interval[k]) for k in SLEWING)]
-    # Sums of squares of both gaps, over the intervals without slews and over each with them.
-    of_still = np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
-    of_slewing = {}
-    for k in SLEWING:  # the residuals of the yaw maneuvers do not depend on the stay
-        keys = [one if k == MINUS_Y else one._replace(stay_s=0.0) for one in timings]
-        different = list(dict.fromkeys(keys))
-        section = scenario.interval[k]
-        moved = [
-            replace_slew_timings(section, one.delay_s, one.compute_duration(section), one.ramp_fraction, one.stay_s)
-            for one in different
-        ]
-        theta, _ = simulate_residuals(moved)
-        found = dict(zip(different, theta, strict=True))
-        values = np.array([found[key] for key in keys])
-        of_slewing[k] = np.array([np.sum((cells[k] - values) ** 2, axis=1) for cells in (flown, clean)])
-    gap, clean_gap = np.sqrt((of_still[:, None] + sum(of_slewing.values())) / flown.size)
-    return pd.DataFrame(timings, columns=list(SCANNED)).assign(gap_rms_deg=gap, clean_gap_rms_deg=clean_gap)
+    slewing, predicted, rows = [scenario.interval[k] for k in SLEWING], predict_residuals(scenario), []
+    for timing in (CommonTiming(*values) for values in product(*SCANNED.values())):
+        if all(timing.is_flyable(section) for section in slewing):
+            predicted[list(SLEWING)] = simulate_residuals([timing.apply(section) for section in slewing])[0]
+            gaps = {"gap_rms_deg": compute_gap_rms(predicted), "clean_gap_rms_deg": compute_clean_gap_rms(predicted)}
+            rows.append(timing._asdict() | gaps)
+    return pd.DataFrame(rows)

@@ -21,8 +21,8 @@ from gyrocal.errors import InputError
 from gyrocal.importing.units import ANGLE_UNITS, RATE_UNITS
 from studies.report import tables
 from studies.report.junit import Verdict
-from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section
-from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, make_forest, make_heat_map
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, make_forest
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 if TYPE_CHECKING:
@@ -69,7 +69,6 @@ def build_calibration_page(
     sections = [
         Section("Parameters", [PageTable(build_parameter_table(result, truth), (), "Parameters", note)]),
         Section("Residuals before and after", [residuals]),
-        Section("Correlations", _build_correlation_items(result)),
         Section("Mounting of the gyro", [result.mounting.format_sentences()]),
         Section("Remarks", [list_remarks(result)]),
         *more,
@@ -299,15 +298,6 @@ def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, 
     found = compute_correlations(result)
     names, values = [str(name) for name in found.index], np.abs(found.to_numpy(dtype=float))
     return sorted(((float(values[i, j]), names[i], names[j]) for i in range(len(names)) for j in range(i)), reverse=True)
-
-
-def _build_correlation_items(result: CalibrationResult) -> list[Item]:
-    found = compute_correlations(result)
-    strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _rank_correlated_pairs(result)[:1])
-    caption = "Correlation of each two parameters. Near ±1 only a combination of the two is known well."
-    alt = f"Map of the correlations of {len(found)} parameters.{strongest}"
-    panel = make_heat_map(found.round(1) + 0.0, "{:.1f}")
-    return [Picture("correlation-map", lambda: draw_panels(panel, size=(7.5, 5.6)), alt, caption)]
 
 
 # ---- change against a saved calibration ------------------------------------------------------------------------------------

@@ -2,10 +2,9 @@
 
 import math
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
@@ -25,9 +24,6 @@ from rich.text import Text
 from studies.report.printable import CONTROL_CHARACTERS
 
 LINE_EVERY_S = 60.0
-WATCH_EVERY_S = 2.0  # between two looks at the cases that run
-OLD_S = 20.0  # from which the age of a case is shown
-SHOWN_OLD = 3
 MISSING = "\ufffd"
 TERMINAL_WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
 
@@ -57,66 +53,38 @@ class _Rate(ProgressColumn):
 
 
 @contextmanager
-def show_progress(
-    label: str, total: int, quiet: bool = False, running: Callable[[], Mapping[int, float]] = dict
-) -> Iterator[Callable[[int], None]]:
+def show_progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
     """Show progress on standard error, as a bar on a terminal, elsewhere as a line a minute.
 
-    Yields a function that is told how many more are done. `running` lists the cases that run, with their ages in s; those that
-    run long are named.
+    Yields a function that is told how many more are done.
     """
     output = Console(stderr=True, quiet=quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate())
-    ended, one_at_a_time = threading.Event(), threading.Lock()
-    clock, last = time.monotonic, time.monotonic()
+    last = time.monotonic()
     bar = Progress(
         *columns,
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[old]}"),
         console=output,
         transient=True,
         disable=not output.is_terminal,
-        get_time=clock,
+        get_time=time.monotonic,
         speed_estimate_period=10 * LINE_EVERY_S,
     )
     with bar:
-        task = bar.add_task(label, total=total, old="")
-
-        def tell() -> None:
-            nonlocal last
-            with one_at_a_time:
-                if output.is_terminal or clock() - last < LINE_EVERY_S:
-                    return
-                last, known = clock(), bar.tasks[0]
-            left = "" if known.time_remaining is None else f", {known.time_remaining:.0f} s left"
-            rate = known.completed / (known.elapsed or math.inf)
-            running_note = f", {known.fields['old']}" if known.fields["old"] else ""
-            output.print(f"{label}: {known.completed:.0f}/{total}, {rate:.1f}/s{left}{running_note}", highlight=False)
+        task = bar.add_task(label, total=total)
 
         def advance(count: int) -> None:
+            nonlocal last
             bar.advance(task, count)
-            tell()
+            if output.is_terminal or time.monotonic() - last < LINE_EVERY_S:
+                return
+            last, known = time.monotonic(), bar.tasks[0]
+            left = "" if known.time_remaining is None else f", {known.time_remaining:.0f} s left"
+            rate = known.completed / (known.elapsed or math.inf)
+            output.print(f"{label}: {known.completed:.0f}/{total}, {rate:.1f}/s{left}", highlight=False)
 
-        def watch() -> None:
-            while not ended.wait(WATCH_EVERY_S):
-                with suppress(Exception):  # of a cluster that is lost, which the study itself says
-                    bar.update(task, old=_format_old_cases(running()))
-                    tell()
-
-        threading.Thread(target=watch, daemon=True).start()
-        try:
-            yield advance
-        finally:
-            ended.set()
-
-
-def _format_old_cases(running: Mapping[int, float]) -> str:
-    """Name the cases that have run for long, the oldest first, with their ages."""
-    old = sorted(((age, case) for case, age in running.items() if age >= OLD_S), reverse=True)
-    ages = [(f"{age:.0f} s" if age < 120 else f"{age / 60:.0f} min" if age < 7200 else f"{age / 3600:.1f} h") for age, _ in old]
-    named = [f"case {case} runs since {age}" for age, (_, case) in zip(ages, old, strict=True)]
-    return ", ".join(named[:SHOWN_OLD]) + (f" and {len(old) - SHOWN_OLD} more" if len(old) > SHOWN_OLD else "")
+        yield advance
 
 
 @contextmanager

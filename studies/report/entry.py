@@ -15,12 +15,10 @@ from studies.montecarlo.study import DISPERSED, RESERVED, Study
 from studies.report import checks as rendering
 from studies.report import tables as rendered
 from studies.report.checks import Check
-from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from studies.report.panels import Draw
 from studies.report.tables import SIGNIFICANT_DIGITS, Table
 
 CHECKS = "What was found"
-LONG_TABLE = 40  # rows above which the page folds a table
 
 
 @dataclass(frozen=True)
@@ -74,28 +72,6 @@ def write(report: Report, title: str, folder: Path) -> None:
         draw(folder / f"{name}.svg")
         lines += [f"![{name}]({name}.svg)", ""]
     write_text(folder / "report.md", "\n".join(lines))
-
-
-def build_study_page(report: Report, title: str, folder: Path, made: ProvenanceFooter | None = None) -> Page:
-    """Build the page of a report that was written to a folder: checks, tables, of which long ones are folded, and figures."""
-    judged = [check for check in report.checks if check.verdict != "note"]
-    failed = [check.name for check in judged if check.verdict == "fail"]
-    count = f"{len(judged) - len(failed)} of {len(judged)} checks pass." if report.checks else "This study has no checks."
-    sentence = f"{count} Not: {'; '.join(failed)}." if failed else count
-    sections = [Section("", [[*report.findings, *rendering.list_meanings(report.checks)]])]
-    if report.checks:
-        sections.append(Section(CHECKS, [PageTable(rendering.format_checks(report.checks), label=CHECKS)]))
-    for table in report.tables.values():
-        data = table.get_shown_data()
-        cells = pd.DataFrame(rendered.format_cells(data, table.formats), columns=data.columns, dtype=object)
-        shown = PageTable(cells, label=table.title, note=table.note)
-        sections.append(Section(table.title, [shown], is_folded=len(cells) > LONG_TABLE))
-    for name in report.figures:
-        caption = name.replace("_", " ")
-        alt = f"{title}: figure {caption}."
-        sections.append(Section("", [Picture(name, (folder / f"{name}.svg").read_bytes, alt, caption)]))
-    kind = "gap" if failed else "" if judged else "open"
-    return Page(title, sections, Answer(kind, None, sentence), made)
 
 
 def show(report: Report, console: Console) -> None:
@@ -160,19 +136,18 @@ def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def build_tolerance_table(rows: pd.DataFrame) -> Table:
-    """Median and tolerance interval of each numeric column of a study's good rows; of a case with several rows their mean."""
+    """Median and tolerance interval of each numeric column of a study's good rows, a row a case."""
     lines = []
     for name, values in _select_numbers(rows, ["number"]).astype(float).items():
-        each = values.dropna().groupby(rows["case"]).mean().dropna()
+        found = values.dropna()
         if not str(name).startswith(DISPERSED):
-            low, high = compute_tolerance_interval(each)
-            line = {"column": name, "cases": len(each), "missing": rows["case"].nunique() - len(each)}
-            line |= {"infinite": int(np.isinf(each).sum()), "median": compute_quantile(each, 0.5), "low": low, "high": high}
+            low, high = compute_tolerance_interval(found)
+            line = {"column": name, "cases": len(found), "missing": len(values) - len(found)}
+            line |= {"infinite": int(np.isinf(found).sum()), "median": compute_quantile(found, 0.5), "low": low, "high": high}
             lines.append(line)
     note = (
         "Low to high holds 95 % of all cases that do not fail and have a value, with 95 % confidence, whatever the "
-        "distribution. It needs 93 cases. Missing cases have no value; an end that reaches infinite values is infinite. Of a "
-        "case with several rows their mean counts."
+        "distribution. Missing cases have no value; an end that reaches infinite values is infinite."
     )
     columns = ["column", "cases", "missing", "infinite", "median", "low", "high"]
     return Table("Tolerance intervals", pd.DataFrame(lines, columns=columns), note)

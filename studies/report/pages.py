@@ -103,7 +103,6 @@ class Section:
     items: Sequence[Item]
     level: int = 2  # of the heading
     anchor: str = ""  # name of the heading; made of the title by default
-    is_folded: bool = False  # whether it is shown when asked for
 
     @property
     def name(self) -> str:

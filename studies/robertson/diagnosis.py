@@ -55,7 +55,6 @@ class PerformanceDiagnosis:
     attribution: Attribution  # of the common inference
     fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation
     closed: Closure | None  # with whole periods held out; None where nothing listed was found
-    left: Array  # (18,) flown minus simulated with the listed effects of the explanation, in sigmas
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -85,9 +84,8 @@ def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
     members = list(explanations[0].members)
     fitted = tuple(fit(model, members)) if members else ()
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
-    explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     closed = compute_closure(model, members) if listed else None
-    return PerformanceDiagnosis(rank_all(model, explanations), fitted, closed, model.y - explained)
+    return PerformanceDiagnosis(rank_all(model, explanations), fitted, closed)
 
 
 def build_performance_model(windows: Windows) -> LinearModel:
@@ -155,16 +153,10 @@ def _order_numbers(values: Mapping[Number, float]) -> Array:
     return np.array([values[number] for number in WINDOW_NUMBERS])
 
 
-def build_diagnosis_tables(found: PerformanceDiagnosis) -> dict[str, pd.DataFrame]:
-    """Probabilities of the candidates, sizes of the likeliest explanation, and what it leaves number by number."""
-    likely = {label: p for label, p in found.probabilities.items() if p >= DEFAULT.group_share}
+def build_size_table(found: PerformanceDiagnosis) -> pd.DataFrame:
+    """Sizes of the effects of the likeliest explanation."""
     sizes = [{"cause": one.label, "size": one.size, "sigma": compute_size_sigma(one), "unit": one.unit} for one in found.fitted]
-    left = {"number": [name_number(number) for number in WINDOW_NUMBERS], "left_sigmas": found.left}
-    return {
-        "diagnosis": pd.DataFrame({"cause": likely.keys(), "probability": likely.values()}),
-        "diagnosis_sizes": pd.DataFrame(sizes),
-        "diagnosis_left": pd.DataFrame(left),
-    }
+    return pd.DataFrame(sizes)
 
 
 def compute_size_sigma(one: FittedEffect) -> float:

@@ -6,7 +6,7 @@ its on-board attitude is compared with the ground's batch and with the truth, an
 over each of R's periods; a random walk of the gyro's bias goes on from day to day by a path of its own, the same in every rung.
 
 A rung is judged by the RMS factor between simulated and flown numbers of R Table 3: over all 18, the 12 of attitude and update,
-the 6 of yaw, and those to which no rung so far has fitted a size. Sizes are fitted on the postcalibration period alone:
+and those to which no rung so far has fitted a size. Sizes are fitted on the postcalibration period alone:
 
 - the horizon's noise on roll and pitch there, 0.029° and 0.030°; its time constant is taken and not fitted;
 - the walk of the y bias on its scatter there, 0.058 deg/h.
@@ -195,7 +195,7 @@ SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *(one.setting for
 
 
 def build_ladder_table(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.DataFrame:
-    """The rungs from landed to last: effect, its setting, the four factors and their intervals."""
+    """The rungs from landed to last: effect, its setting, the factors and their intervals."""
     out: list[dict[str, Any]] = []
     used: list[Number] = []
     for rung in RUNGS:
@@ -213,12 +213,9 @@ def build_ladder_table(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.Da
 
 def group_numbers(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
     """The numbers each factor is over."""
-    twelve = [one for one in WINDOW_NUMBERS if one[0] in ANGLE_STATISTICS]
     return {
         "factor_18": list(WINDOW_NUMBERS),
-        "factor_12": twelve,
-        "factor_6": [one for one in twelve if one[1] == "yaw"],
-        "factor_12_unfitted": [one for one in twelve if one not in used],
+        "factor_12": [one for one in WINDOW_NUMBERS if one[0] in ANGLE_STATISTICS],
         "factor_unfitted": [one for one in WINDOW_NUMBERS if one not in used],
     }
 

@@ -91,7 +91,8 @@ def add_flight_comparison(made: Reproduction, rows: dict[tuple[str, ...], pd.Dat
     ]
     aligned, rungs, found, share = call_all(calls, made.jobs)
     made.summary |= {"diagnosis": found.summary(), "geometry": geometry.summarise_availability(share)}
-    made.tables |= diagnosis.build_diagnosis_tables(found) | {
+    made.tables |= {
+        "diagnosis_sizes": diagnosis.build_size_table(found),
         "ladder": rungs,
         "ladder_numbers": ladder.build_rung_numbers(rows, ladder.read_published_numbers()),
         "availability": share,

@@ -38,7 +38,6 @@ Row = dict[str, Any]
 REPOSITORY_ROOT = Path(__file__).parents[2]
 BROAD_FOLDER = "../shared/real/broad"
 CONSISTENT_RMS_RANGE = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
-BUDGET = ["trial", "step", "misfit", "misfit_deg", "closed", "closed_low", "closed_high", "size", "sigma", "unit"]
 ACROSS = 2  # panels of the figure side by side
 STEP_INCHES, PANEL_INCHES = 0.27, 0.85  # height of a step, and of title and axis
 
@@ -163,12 +162,6 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
             "A probability is that of the cause or of one indistinguishable from it. Shares are those of the held-out misfit, "
             "with 90 % intervals. The remainder has no identified cause.",
             shown=describe_trials(trials, causes),
-        ),
-        "causes": Table("Causes by effect and axis", causes.sort_values(["cause", "trial"]) if len(causes) else causes),
-        "budget": Table(
-            "Gap budget of each trial",
-            steps.reindex(columns=BUDGET),
-            "The misfit is the held-out whitened mean square, one for the stated noise alone.",
         ),
         "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
     }

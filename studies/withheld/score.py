@@ -1,8 +1,8 @@
 """What the answers are worth, from the rows of cases: rates, proper scores of what is stated, sizes, shares, and two runs.
 
 A cause that is stated with a probability p is right or not, o ∈ {0, 1}. z = (Σo − Σp)/√Σp(1 − p) of all stated causes is
-standard normal if the probabilities are right; the log score is the mean of −ln of the probability of what is so, the Brier
-score that of (p − o)², each with its standard error. Rates have Wilson's 95 % intervals.
+standard normal if the probabilities are right; the log score is the mean of −ln of the probability of what is so, with its
+standard error. Rates have Wilson's 95 % intervals.
 
 McNemar's exact test compares two runs case by case: of the cases that only one of them answers well, both would have half.
 """
@@ -23,7 +23,8 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.panels import GREY, RED, TEAL, Draw, Line, build_sheet, make_curves
 from studies.report.tables import Table
-from studies.withheld.cases import MIX, STUDY, WithheldConfig
+from studies.withheld.cases import STUDY, WithheldConfig
+from studies.withheld.drawing import MIX
 
 STRONG = 8.0  # signal-to-noise ratio from which an effect must be found
 SURE, LIKELY = 0.9, 0.5  # probabilities of a statement
@@ -36,7 +37,6 @@ GOOD = {  # outcomes that count as answered well
     "unlisted": ("right", "localised", "unknown"),
     "mixed": ("right",),
 }
-OUTCOMES = ("right", "part", "localised", "unknown", "missed", "wrong", "alarm")
 SNR_EDGES = (5.0, 8.0, 12.0, 20.0, 35.0, 100.0)
 
 
@@ -122,21 +122,16 @@ def _score_part(name: str, stated: pd.DataFrame) -> dict[str, Any]:
     p, right = stated["p"].to_numpy(), stated["right"].to_numpy(dtype=float)
     spread = float(np.sqrt(np.sum(p * (1 - p))))
     bounded = np.clip(p, CERTAIN, 1 - CERTAIN)
-    log = -np.log(np.where(right > 0, bounded, 1 - bounded))
-    scores = {"log_score": log, "brier_score": (p - right) ** 2}
-    out = {"stated": name, "causes": len(p), "right": int(right.sum()), "expected": float(p.sum())}
-    out["z"] = (right.sum() - p.sum()) / spread if spread > 0 else np.nan
-    for key, values in scores.items():
-        out[key] = float(values.mean()) if len(p) else np.nan
-        out[f"{key}_se"] = float(values.std(ddof=1) / np.sqrt(len(p))) if len(p) > 1 else np.nan
-    return out
-
-
-def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
-    """Cases of each kind by outcome."""
-    table = pd.crosstab(rows["kind"], rows["outcome"]).reindex(index=list(MIX), columns=list(OUTCOMES), fill_value=0)
-    table.insert(0, "cases", table.sum(axis=1))
-    return table.rename_axis(columns=None).reset_index()
+    log_scores = -np.log(np.where(right > 0, bounded, 1 - bounded))
+    return {
+        "stated": name,
+        "causes": len(p),
+        "right": int(right.sum()),
+        "expected": float(p.sum()),
+        "z": (right.sum() - p.sum()) / spread if spread > 0 else np.nan,
+        "log_score": float(log_scores.mean()) if len(p) else np.nan,
+        "log_score_se": float(log_scores.std(ddof=1) / np.sqrt(len(p))) if len(p) > 1 else np.nan,
+    }
 
 
 # ---- two runs --------------------------------------------------------------------------------------------------------------
@@ -165,14 +160,6 @@ def _compare_part(name: str, both: pd.DataFrame) -> dict[str, Any]:
     return out
 
 
-def list_moved_cases(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """The cases whose outcome or stated causes differ."""
-    shown = ["case", "kind", "effects", "snr", "outcome", "said"]
-    both = before[shown].merge(after[["case", "outcome", "said"]], on="case", suffixes=("_before", "_after"))
-    moved = (both["outcome_before"] != both["outcome_after"]) | (both["said_before"] != both["said_after"])
-    return both[moved].reset_index(drop=True)
-
-
 def read_run(path: Path) -> pd.DataFrame:
     """The good rows of a run; an `InputError` if the file is no table of this study."""
     try:
@@ -190,16 +177,12 @@ def read_run(path: Path) -> pd.DataFrame:
 def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
     """Tables, two figures, and the comparison with another run."""
     stated, failed = collect_statements(rows), config.cases - len(rows)
-    shown = ["case", "kind", "plan", "grade", "effects", "snr_attitude", "snr_samples", "outcome", "said"]
     tables = {
-        "outcomes": Table("Outcomes by kind", count_outcomes(rows), f"Diagnoses that failed, and are not counted: {failed}."),
         "statements": Table("Stated causes", score_statements(stated)),
-        "cases": Table("Cases not answered well", rows[~is_answered_well(rows)][shown]),
         "rates": Table("Rates, with 95 % binomial intervals", compute_rates(rows)),
     }
     if config.compare:
         before = read_run(Path(config.compare))
-        tables["moved"] = Table("Cases answered otherwise than before", list_moved_cases(before, rows))
         tables["compare"] = Table("Against the run before, case by case", compare_runs(before, rows))
     scores, errors = score_statements(stated).set_index("stated")["z"], collect_size_errors(rows)
     rms = float(np.sqrt(np.mean(errors**2))) if errors.size else np.nan

@@ -26,7 +26,7 @@ def committed_rows(folder):
 def test_a_report_made_again_of_committed_rows_is_the_committed_one(folder, tmp_path):
     entry = catalogue.find_entry(folder.name)
     report.write(entry.report(engine.load_stored_config(entry.study, folder), committed_rows(folder)), folder.name, tmp_path)
-    kept = {"table.parquet", "manifest.json", "dispersions.csv", "tolerance.csv"}  # the last two by the engine
+    kept = {"table.parquet", "manifest.json", "tolerance.csv"}  # the last one by the engine
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in folder.iterdir()} - kept
     for path in tmp_path.glob("*.csv"):
         # Six digits are written, and other processors differ in the last of them.

@@ -21,14 +21,6 @@ def rate_walk(rng, n, size):
     return size * np.sqrt(SAMPLE_S) * np.cumsum(rng.standard_normal(n))
 
 
-def markov(rng, n, size, time_constant_s):
-    """First-order Gauss–Markov noise from its stationary distribution."""
-    keep = np.exp(-SAMPLE_S / time_constant_s)
-    drive = rng.standard_normal(n) * np.sqrt(1 - keep**2)
-    drive[0] /= np.sqrt(1 - keep**2)
-    return size * scipy.signal.lfilter([1.0], [1.0, -keep], drive)
-
-
 def flicker(rng, n, size):
     """Bias instability by the spectrum: white noise through the fractional integral of order 1/2 (Kasdin 1995)."""
     length = 4 * n

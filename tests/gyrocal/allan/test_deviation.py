@@ -13,7 +13,7 @@ POWERS = {RANDOM_WALK: 0, FLICKER: -1, RATE_WALK: -2}  # of the frequency in the
 def compute_degrees(found, term):
     """(t,) equivalent degrees of freedom of the estimates of one term alone."""
     expected = compute_allan_variance(term, found.tau_s)
-    return 2 * expected**2 / np.diag(estimate_covariance(found, {term: 1.0}, 1.0))
+    return 2 * expected**2 / np.diag(estimate_covariance(found, {term: 1.0}))
 
 
 def test_the_deviation_is_that_of_allantools():
@@ -43,6 +43,6 @@ def test_covariance_between_averaging_times():
         for _ in range(cases)
     ]
     seen = np.cov(np.array([one.variance for one in found]).T)
-    V = estimate_covariance(found[0], {RANDOM_WALK: 1.0, "rate ramp": slope**2}, 1.0)
+    V = estimate_covariance(found[0], {RANDOM_WALK: 1.0, "rate ramp": slope**2})
     scale = np.sqrt(np.outer(np.diag(V), np.diag(V)))
     assert np.all(np.abs(seen - V) / scale < 4 * np.sqrt(2 / cases) * 1.5)  # with the heavier tails of χ²

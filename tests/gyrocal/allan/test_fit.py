@@ -7,7 +7,6 @@ from gyrocal.allan import TERMS, compute_allan_variance, fit_terms, overlapping_
 from gyrocal.allan.terms import (
     ANGLE_WHITE,
     FLICKER,
-    MARKOV,
     RAMP,
     RANDOM_WALK,
     RATE_WALK,
@@ -39,7 +38,6 @@ CASES = {
     "flicker": ([WHITE, noise(noises.flicker, 0.2)], {RANDOM_WALK: 1.0, FLICKER: 0.2}),
     "walk": ([WHITE, noise(noises.rate_walk, 0.02)], {RANDOM_WALK: 1.0, RATE_WALK: 0.02}),
     "ramp": ([WHITE, lambda rng, n: noises.ramp(n, 4e-4)], {RANDOM_WALK: 1.0, RAMP: 4e-4}),
-    "Markov": ([WHITE, noise(noises.markov, 0.4, 60.0)], {RANDOM_WALK: 1.0, MARKOV: 0.4}),
 }
 
 
@@ -57,26 +55,9 @@ def test_each_term_is_found_with_its_size(records):
             if seen == set(truth):
                 whole += 1
                 pulls += [(found.estimate(term).value - size) / found.estimate(term).sigma for term, size in truth.items()]
-                one = found.estimate(MARKOV)
-                if one.seen:
-                    pulls.append(np.log(one.time_constant_s / 60.0) * one.time_constant_s / one.time_constant_sigma_s)
         assert whole >= records - 1, name
     assert np.abs(pulls).max() < 4
     assert np.std(pulls) == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(pulls)))
-
-
-@pytest.mark.parametrize("records", choose_case_numbers(2, len(SEEDS)))
-@pytest.mark.parametrize("term", [ANGLE_WHITE, FLICKER, RATE_WALK, RAMP])
-def test_a_term_of_the_size_of_its_bound_is_rarely_missed(term, records):
-    """The bound of white noise alone, put in: the fit then calls that size possible or sees it, in nearly all records."""
-    makers = {ANGLE_WHITE: noises.angle_white, FLICKER: noises.flicker, RATE_WALK: noises.rate_walk}
-    size = float(np.median([fitted(seed, WHITE).estimate(term).upper for seed in SEEDS[:records]]))
-    extra = (lambda rng, n: noises.ramp(n, 2 * size)) if term == RAMP else noise(makers[term], 2 * size)
-    covered = 0
-    for seed in SEEDS[:records]:
-        estimate = fitted(100 + seed, WHITE, extra).estimate(term)
-        covered += estimate.seen or estimate.upper > 2 * size
-    assert covered >= records - 1
 
 
 def test_what_is_known_is_no_term():
@@ -88,10 +69,9 @@ def test_what_is_known_is_no_term():
     assert np.all(np.abs(found.variance / fit.model - 1) < 4 * np.sqrt(2 / fit.degrees))
 
 
-@pytest.mark.parametrize("term", TERMS[:5])
+@pytest.mark.parametrize("term", TERMS[:4])
 @pytest.mark.parametrize("tau", [0.01, 0.3, 0.99, 1.01, 40.0])
 def test_allan_variance_follows_from_the_covariance(term, tau):
-    constant = 30.0
-    at = compute_term_covariance(term, np.array([0.0, tau, 2 * tau]), constant)
+    at = compute_term_covariance(term, np.array([0.0, tau, 2 * tau]))
     z2 = 6 * at[0] - 8 * at[1] + 2 * at[2] + (6.0 if term == ANGLE_WHITE else 0.0)
-    assert compute_allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
+    assert compute_allan_variance(term, np.array([tau]))[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)

@@ -8,7 +8,6 @@ from simulator.simulate import motion, observe
 from studies.calibration.maneuvers_needed import (
     SIGMAS,
     STUDY,
-    compute_shapley_values,
     find_minimal_subsets,
     select_intervals,
 )
@@ -61,14 +60,3 @@ def test_calibrate_agrees(rows, recording, maneuvers):
         np.testing.assert_allclose(own, result.sigma * PPM_DEG_H, rtol=0.03)
         # calibrate judges at the a-priori parameters.
         assert row["condition"] == pytest.approx(result.observability.condition, rel=0.02)
-
-
-def test_shapley_shares_out_everything_and_favours_who_brings_more():
-    value = {"a": 3.0, "b": 1.0, "c": 1.0}
-    # a and b together bring one more than each alone.
-    information = {
-        frozenset(own): sum(value[name] for name in own) + ("a" in own and "b" in own)
-        for own in ("a", "b", "c", "ab", "ac", "bc", "abc")
-    }
-    shares = compute_shapley_values(information, "abc")
-    assert shares == pytest.approx({"a": 3.5, "b": 1.5, "c": 1.0})

@@ -22,6 +22,7 @@ from studies.cli import reproduce as reproduce_command
 from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.compare import compare as comparison
 from studies.montecarlo import engine
+from studies.montecarlo.session import StudyInterrupted
 from studies.natanson import paper_tables, reproduce
 from studies.reproduction import get_work_folder
 from studies.robertson.calendar import PERIODS
@@ -72,7 +73,7 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
 
 def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     def interrupted(*arguments, **options):
-        raise engine.StudyInterrupted("interrupted; 3 of 9 cases are done; the same command resumes")
+        raise StudyInterrupted("interrupted; 3 of 9 cases are done; the same command resumes")
 
     monkeypatch.setattr(engine, "run", interrupted)
     result = run_cli("study", "paper", "--out", str(tmp_path))

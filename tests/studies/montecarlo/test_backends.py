@@ -88,7 +88,7 @@ def test_a_lost_worker_goes_unnoticed_and_after_a_lost_scheduler_the_same_comman
         server.join()
 
     @contextmanager
-    def disturb(label, total, running):
+    def disturb(label, total):
         scheduler, victim = servers[:2]
         done = Counter()
 

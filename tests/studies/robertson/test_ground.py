@@ -81,7 +81,7 @@ def test_the_factor_is_that_of_the_logarithms():
     assert compute_rms_factor(half, WINDOW_NUMBERS[:5]) == pytest.approx(2.0)
     assert np.isnan(compute_rms_factor(values, ()))
     groups = ladder.group_numbers(WINDOW_NUMBERS[:3])
-    assert [len(groups[name]) for name in ("factor_18", "factor_12", "factor_6", "factor_unfitted")] == [18, 12, 6, 15]
+    assert [len(groups[name]) for name in ("factor_18", "factor_12", "factor_unfitted")] == [18, 12, 15]
 
 
 def test_geometry_of_the_mounting_and_of_r6():

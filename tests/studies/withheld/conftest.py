@@ -6,9 +6,10 @@ import pytest
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import apply_rotation_errors
-from studies.withheld.cases import DrawnCase, World
+from studies.withheld.drawing import DrawnCase
 from studies.withheld.plans import Plan
 from studies.withheld.snr import ResidualModel
+from studies.withheld.world import World
 
 SAMPLE_S, SPACING = 1.0, 20
 SIGMA, ARW = 1e-4, 1e-6

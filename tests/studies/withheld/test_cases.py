@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from simulator.effects import EFFECTS, Setting, setting
-from studies.withheld import cases
-from studies.withheld.cases import MIX, SNR, WithheldConfig, draw_case, draw_kind, judge_causes, measure_left_power
+from studies.withheld import cases, judgement
+from studies.withheld.cases import WithheldConfig
+from studies.withheld.drawing import MIX, SNR, Placed, draw_case, draw_kind
 from studies.withheld.families import FAMILIES
+from studies.withheld.judgement import judge_causes, measure_left_power
 from studies.withheld.plans import PLANS
 from tests.studies.withheld.conftest import make_case
 
@@ -80,7 +82,7 @@ def test_step_is_no_drift(turning):
 
 
 def test_an_error_without_a_name_is_right_on_its_side_and_axis(turning):
-    walk = cases.Placed(setting("bias_random_walk", "y", 5.0, {"gaps": "hold"}), 20.0, 0.0)
+    walk = Placed(setting("bias_random_walk", "y", 5.0, {"gaps": "hold"}), 20.0, 0.0)
     drawn = make_case(turning, "single", walk)
     there = {**state("bias_markov", "y"), "group": ["bias_markov:y", "bias_random_walk:y"]}
     elsewhere = {**state("bias_markov", "z"), "group": ["bias_markov:z"]}
@@ -88,14 +90,14 @@ def test_an_error_without_a_name_is_right_on_its_side_and_axis(turning):
         del one["effect"]
     right, wrong = judge_causes(drawn, [there, elsewhere])
     assert (right["named"], right["right"], right["hits"], wrong["right"], wrong["hits"]) == (False, True, [0], False, [])
-    assert cases.score_truth(drawn, {"gyro slow random:y": 0.2, "unknown": 0.1}) == 0.2
-    assert cases.score_truth(drawn, {"gyro slow random:z": 0.0, "unknown": 0.1}) == 1.0
+    assert judgement.score_truth(drawn, {"gyro slow random:y": 0.2, "unknown": 0.1}) == 0.2
+    assert judgement.score_truth(drawn, {"gyro slow random:z": 0.0, "unknown": 0.1}) == 1.0
     unlisted = make_case(turning, "unlisted", walk)
-    assert cases.score_truth(unlisted, {"gyro slow random:y": 0.2, "unknown": 0.7}) == 0.2
+    assert judgement.score_truth(unlisted, {"gyro slow random:y": 0.2, "unknown": 0.7}) == 0.2
 
 
 def test_judgement_and_outcome(turning):
-    placed = cases.Placed(setting("bias_step", "x", 1.0, {"time_s": 2000.0}), 20.0, 0.0)
+    placed = Placed(setting("bias_step", "x", 1.0, {"time_s": 2000.0}), 20.0, 0.0)
     drawn = make_case(turning, "single", placed)
     right, wrong_axis = judge_causes(drawn, [state("bias_step", "x", time_s=2000.0), state("bias_drift", "z")])
     assert (right["right"], right["hits"], wrong_axis["right"], wrong_axis["near"]) == (True, [0], False, [])
@@ -103,7 +105,7 @@ def test_judgement_and_outcome(turning):
     (listed,) = judge_causes(drawn, [{**state("bias_drift", "z"), "group": ["bias_drift:z", "bias_step:x"]}])
     assert [one["in_set"] for one in (right, wrong_axis, listed)] == [True, False, True]
     assert not listed["right"]
-    decide = cases.decide_outcome
+    decide = judgement.decide_outcome
     assert decide("single", True, 1, [right], "named") == "right"
     assert decide("single", True, 1, [right, wrong_axis], "named") == "wrong"
     assert decide("pair", True, 2, [right], "named") == "part"
