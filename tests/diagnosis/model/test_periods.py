@@ -103,5 +103,7 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
         2 * (np.exp(before.log_weights) - shares[: len(before.options)]).sum()
     )
     again = finer.refine(finer, Search(finer).optimise_members((member,)).members[0])
-    widths = [min(float(option.parameters["period_sigma_s"]) for option in model.candidates[k].options) for model in (finer, again)]
+    widths = [
+        min(float(option.parameters["period_sigma_s"]) for option in model.candidates[k].options) for model in (finer, again)
+    ]
     assert widths[1] < 0.2 * widths[0]

@@ -70,7 +70,9 @@ def test_other_body_axes_turn_the_rows_of_G_and_other_gyros_its_columns(theta, o
 
 def shifted(recording, by_s):
     gyro, own = recording.gyro, recording.attitudes
-    moved = tuple(replace(interval, start_s=interval.start_s + by_s, stop_s=interval.stop_s + by_s) for interval in recording.intervals)
+    moved = tuple(
+        replace(interval, start_s=interval.start_s + by_s, stop_s=interval.stop_s + by_s) for interval in recording.intervals
+    )
     gyro, own = replace(gyro, t_s=gyro.t_s + by_s), replace(own, t_s=own.t_s + by_s)
     return replace(recording, gyro=gyro, attitudes=own, intervals=moved)
 

@@ -80,6 +80,8 @@ def test_a_head_takes_over_at_some_heading_of_a_turn():
     nothing = np.zeros((7, 4))
     seen = References(np.arange(7.0), nothing, np.zeros(7, dtype=int), np.array(["+x"] * 3 + ["-x"] * 4), 5500.0, heading)
     trials = MODE_OFFSET.trials(Surroundings(None, seen, 1e-6, 0.5, np.ones((7, 3))))
-    reached = {tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(trial.parameters))[:, 2])) for trial in trials}
+    reached = {
+        tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(trial.parameters))[:, 2])) for trial in trials
+    }
     assert reached == {(5, 6), (4, 5, 6), (3, 4, 5, 6), (2, 3, 4, 5, 6)}
     assert sum(one.weight for one in trials) == pytest.approx(1.0)
