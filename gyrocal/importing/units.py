@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.mask_runs import find_mask_runs
@@ -25,16 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-DEGREE = float(np.deg2rad(1.0))
-ANGLE_UNITS = {"rad": 1.0, "deg": DEGREE, "arcsec": DEGREE / 3600}
-RATE_UNITS = {
-    "rad/s": 1.0,
-    "deg/s": DEGREE,
-    "deg/h": DEGREE / 3600,
-    "mrad/s": 1e-3,
-    "mdeg/s": 1e-3 * DEGREE,
-    "arcsec/s": DEGREE / 3600,
-}
 PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
 INCREMENT_UNITS = {unit + PER_SAMPLE: size for unit, size in ANGLE_UNITS.items()}
 COUNTS_UNIT = "counts"
