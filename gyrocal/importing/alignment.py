@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.spatial.transform import Rotation
 
 from gyrocal.arrays import Array
@@ -61,7 +61,7 @@ class Alignment:
     time_factor: float
     time_sigma: float
     reverse: bool  # whether the attitudes' direction is the other one
-    # C, turn_sigma: (3, 3), and (3,) 1-sigma of the rotation about the body's axes, rad
+    # C, turn_sigma: (3, 3), orthogonal, and (3,) 1-sigma of the rotation about the body's axes, rad
     C: Array
     turn_sigma: Array
     # factor, factor_sigma: s
@@ -96,23 +96,6 @@ class Alignment:
         """Whether one clock is faster than the other."""
         return abs(self.time_factor - 1) > SIGNIFICANT_IN_SIGMA * self.time_sigma
 
-    @property
-    def changes(self) -> list[str]:
-        """Changes to be made, in words with their options."""
-        out = []
-        if self.is_clock_off:
-            out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")
-        if self.reverse:
-            out.append("the other direction of the attitudes")
-        if self.is_late:
-            out.append(f"{self.offset_s:+.6g} s added to the attitudes' time tags (--attitude-offset)")
-        if self.is_turned:
-            angle = float(np.rad2deg(np.linalg.norm(self.turn)))
-            out.append(f"--mounting estimate, which rotates the gyro's axes by {angle:.3g} deg")
-        if self.is_scaled:
-            out.append(f"the rates times {self.factor:.6g} (--rate-factor)")
-        return out
-
     def describe_offset(self) -> str:
         """The time offset with its sigma, and whether it differs from zero."""
         return (
@@ -146,7 +129,7 @@ def estimate_alignment(
     accumulated: whether the rates are differences of an accumulated angle, which a factor of time makes smaller
     """
     found = []
-    for offset, factor in _search(t_s, rates, sample_s, t_ref, q):
+    for offset, factor in search_starts(*integrate_rates(t_s, rates, sample_s), t_ref, q):
         windows = build_motion(t_s[0] + factor * (t_s - t_s[0]), rates, factor * sample_s, t_ref + offset, q)
         one = None if windows is None else refine(windows)
         if one is None:
@@ -167,20 +150,22 @@ def estimate_alignment(
     return replace(best, offset_s=best.offset_s + near.offset_s)
 
 
-def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True) -> Alignment | None:
+def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True, mirrored: bool = False) -> Alignment | None:
     """Find the alignment near the tags as they are, in the direction that fits if it is not given; None of too few windows.
 
     Without a clock rate the offset is that of the whole recording.
+
+    mirrored: whether C may be a reflection, as of axes that are exchanged
     """
     if reverse is not None:
-        return _fit(windows, reverse, with_clock)
-    one, other = (_fit(windows, way, with_clock) for way in (False, True))
+        return _fit(windows, reverse, with_clock, mirrored)
+    one, other = (_fit(windows, way, with_clock, mirrored) for way in (False, True))
     if one is None or other is None:
         return one or other
     return other if other.residual < DIRECTION_RATIO * one.residual else one
 
 
-def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
+def _fit(windows: Motion, reverse: bool, with_clock: bool, mirrored: bool) -> Alignment | None:
     """Fit all parameters by Gauss-Newton steps for one direction of the attitudes; None of too few windows."""
     reference = windows.attitudes(reverse=reverse)
     gyro, inside = _measure(windows, 0.0, 1.0)
@@ -190,7 +175,7 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
     r0, g0 = r - r.mean(axis=0), g - g.mean(axis=0)
     if not np.sum(r0 * r0) > 0 or not np.sum(g0 * g0) > 0:
         return None
-    C, common = rotate_onto(r0, g0)
+    C, common = rotate_onto(r0, g0, mirrored)
     scale = max(common, 1e-3 * np.sum(g0 * g0)) / float(np.sum(g0 * g0))
     bias = r.mean(axis=0) - scale * C @ g.mean(axis=0)
     # Centred clock: τ and f are then nearly uncorrelated.
@@ -222,7 +207,7 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
     turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
     floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
     if np.sum((left @ across) ** 2) > MOST_LEFT_ACROSS * np.sum((r0 @ across) ** 2) + floor:
-        turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C).as_rotvec()))
+        turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()))
     factor, offset = 1 / (1 + rate), _shift(at_centre, rate, centre)
     cov_time = _compute_time_covariance(windows, reference, offset, factor, with_clock * (middle - t0 - centre))
     to_offset = np.array([factor, -factor * centre * with_clock])  # the offset is f (τ_c − rate·centre)
@@ -321,9 +306,11 @@ def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, NDAr
     return windows.measure(*(t0 + (edge + offset - t0) / factor for edge in (windows.start_s, windows.stop_s)))
 
 
-def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -> list[tuple[float, float]]:
-    """Offsets and time factors at which the speeds of both correlate best, the tags as they are first."""
-    edges, angle = integrate_rates(t_s, rates, sample_s)
+def search_starts(edges: Array, angle: Array, t_ref: Array, q: Array) -> list[tuple[float, float]]:
+    """Offsets and time factors at which the speeds of both correlate best, the tags as they are first.
+
+    edges, angle: (n,) s and (n, 3) rad of the gyro, see `integrate_rates`
+    """
     turned = Rotation.from_quat(q)
     steps = np.diff(t_ref)
     speed = float(np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / steps, 90))
@@ -359,11 +346,18 @@ def _correlate(a: Array, b: Array) -> tuple[float, int]:
     """Largest normalised correlation of a(i) and b(i + lag) over their common points, and the lag."""
     a, b = a - a.mean(), b - b.mean()
     ones_a, ones_b = np.ones(a.size), np.ones(b.size)
-    n = np.maximum(np.round(correlate(ones_b, ones_a, method="fft")), 1)
-    sa, sb = correlate(ones_b, a, method="fft"), correlate(b, ones_a, method="fft")
-    ab, aa, bb = (correlate(*pair, method="fft") for pair in ((b, a), (ones_b, a * a), (b * b, ones_a)))
+    n = np.maximum(np.round(_sum_products(ones_b, ones_a)), 1)
+    sa, sb = _sum_products(ones_b, a), _sum_products(b, ones_a)
+    ab, aa, bb = (_sum_products(*pair) for pair in ((b, a), (ones_b, a * a), (b * b, ones_a)))
     va, vb = aa - sa**2 / n, bb - sb**2 / n
     whole = (n >= LEAST_COMMON * min(a.size, b.size)) & (va > 1e-9 * aa.max()) & (vb > 1e-9 * bb.max())
     score = np.where(whole, (ab - sa * sb / n) / np.sqrt(np.maximum(va * vb, 1e-300)), -1.0)
     best = int(np.argmax(score))
     return float(score[best]), best - (a.size - 1)
+
+
+def _sum_products(b: Array, a: Array) -> Array:
+    """Sums of b(i + lag) a(i) at all lags, the smallest first, by their Fourier transforms."""
+    size = a.size + b.size - 1
+    length = next_fast_len(size, real=True)
+    return np.asarray(irfft(rfft(b, length) * rfft(a[::-1], length), length)[:size])

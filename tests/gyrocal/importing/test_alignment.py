@@ -1,5 +1,6 @@
-"""Time offset, clock, direction, mounting and factor are found with their sigmas, and faults of a misfit are named."""
+"""Time offset, clock, direction, mounting and factor are found with their sigmas, and a misfit is located."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.stats import chi2
 
 import gyrocal
 import simulator
-from gyrocal.importing import misfit, validate_mapping
+from gyrocal.importing import motion, validate_mapping
 from gyrocal.importing.alignment import estimate_alignment, refine
 from gyrocal.importing.build import build
 from gyrocal.importing.motion import build_motion
@@ -113,20 +114,23 @@ def windows_of(data, change):
     return build_motion(streams.t_s, rates, streams.sample_s, one.t_s, one.q)
 
 
-@pytest.mark.parametrize(
-    ("kind", "change"),
-    [
-        ("bias", lambda w, t: w + 0.2),
-        ("scale", lambda w, t: 0.7 * w),
-        ("step", lambda w, t: w + 0.2 * (t > 35)[:, None]),
-        ("jump", lambda w, t: np.where((t > 30)[:, None], np.roll(w, 25, axis=0), w)),
-        ("clipping", lambda w, t: np.clip(w, [-9, -0.4, -9], [9, 0.4, 9])),
-    ],
-)
-def test_the_fault_that_explains_a_misfit_is_named(data, kind, change):
-    found = misfit.explain_misfit(windows_of(data, change))
-    assert found.kind == kind
-    assert (found.bias is None) == (kind != "bias")
+@pytest.mark.parametrize("from_s", [0.0, 12.0, 35.0])
+def test_a_constant_bias_is_told_from_a_step_of_it(data, from_s):
+    windows = windows_of(data, lambda w, t: w - 0.2 * (t >= from_s)[:, None])
+    bias = motion.estimate_constant_bias(windows)
+    if from_s > 0:
+        assert bias is None
+    else:
+        np.testing.assert_allclose(bias, 0.2, atol=0.01)
+
+
+def test_the_time_of_a_misfit_is_located(data):
+    windows = windows_of(data, lambda w, t: w + 0.2 * ((t > 30) & (t < 36))[:, None])
+    words = motion.locate_misfit(windows)
+    first, last = (float(one) for one in re.search(r"between (\S+) and (\S+) s", words).groups())
+    start = windows.t_s[0]
+    assert 29.5 < first - start < last - start < 36.5
+    assert last - first == pytest.approx(3.0, abs=0.5)
 
 
 def test_errors_of_the_gyro_are_no_time_offset():

@@ -47,6 +47,13 @@ def test_a_wrong_mapping_is_named_as_the_only_one_that_fits(data):
     assert message.endswith(f" % with {wanted}")
 
 
+@pytest.mark.parametrize("factor", [180 / np.pi, np.pi / 180])
+def test_a_column_with_another_unit_than_the_others_is_named(data, factor):
+    message = find_refusal(replace(data, gyro=data.gyro.assign(gz=factor * data.gyro["gz"])), {})
+    number, found = re.search(r"the rates of gyro (\d) alone times (\S+): its column has another unit", message).groups()
+    assert (number, float(found)) == ("3", pytest.approx(1 / factor, rel=0.05))
+
+
 def test_a_gap_ends_an_interval(data):
     mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
     holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
