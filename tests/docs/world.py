@@ -8,9 +8,9 @@ import pandas as pd
 from click.testing import CliRunner
 
 from studies.cli.main import main
-from studies.validation.mems_log import log
 from tests.docs.blocks import blocks
 from tests.gyrocal.importing import mems
+from tests.gyrocal.importing.mems_log import log
 
 COARSE = "[gyro]\nsample_s = 5.0\n"
 SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'

@@ -8,7 +8,7 @@ from gyrocal import InputError, attitude
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.build import build
 from gyrocal.importing.streams import read_streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 
 EPOCH = "2023-11-14T22:13:20.123Z"
 OPTIONS = ("--time", "time:iso", "--gyro", "gx,gy,gz:deg/s")

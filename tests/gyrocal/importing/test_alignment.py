@@ -15,8 +15,8 @@ from gyrocal.importing.alignment import estimate_alignment, refine
 from gyrocal.importing.build import build
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.streams import read_streams
-from studies.validation import mems_log
 from tests.builders import choose_case_numbers
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 RATES = ["gx", "gy", "gz"]

@@ -14,7 +14,7 @@ from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing import estimates, validate_mapping
 from gyrocal.importing.build import build
 from gyrocal.importing.streams import Sensor, Streams, read_streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 

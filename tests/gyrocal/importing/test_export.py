@@ -9,7 +9,7 @@ import pytest
 import simulator
 from gyrocal import InputError
 from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 
 
 @pytest.fixture(scope="module")
