@@ -1,5 +1,6 @@
 """What stands behind the names of a reader's own files in the docs: one small log in every format, and coarse scenarios."""
 
+import contextlib
 import re
 import shutil
 
@@ -77,5 +78,6 @@ def make(folder):
         ("broad", "validation", 0, "path"),
     ):
         found = {}
-        exec(blocks(f"docs/{page}.md", "python")[number], found)
+        with contextlib.chdir(folder):
+            exec(blocks(f"docs/{page}.md", "python")[number], found)
         shutil.move(found[name], folder / NAMES.get(format_name, found[name].name))
