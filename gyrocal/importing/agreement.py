@@ -46,7 +46,7 @@ LEAST_WINDOWS = 6  # from which a rotation of three angles is told
 LEAST_SKEW = np.deg2rad(5.0)  # of the angles between three gyros from 90 deg: fewer are a gyro's own misalignment
 LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
-MOUNTING, FACTOR = "--mounting estimate", "--rate-factor"
+FACTOR = "--rate-factor"
 ROTATION_COUNT = 4  # changes that a free rotation counts for: more than the exchange of three axes
 ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
 ALTERNATIVE_TIME_UNITS = ("ms", "s", "us", "ns")
@@ -111,6 +111,14 @@ class Tags(NamedTuple):
         clock = (f"the gyro's time tags times {self.factor:.7g} (--time-factor)",) if self.factor != 1 else ()
         late = (f"{self.offset_s:+.4g} s added to the attitudes' time tags",) if self.offset_s else ()
         return clock + late
+
+
+class AxesChange(NamedTuple):
+    """Order, sign or rotation of the gyro's axes."""
+
+    words: str
+    C: Array  # (3, 3)
+    moved: int  # number of axes that another takes the place of, or `ROTATION_COUNT`
 
 
 class RatePair(NamedTuple):
@@ -324,24 +332,22 @@ def _pair_rates(tags: Tags, attitudes: Sequence[AttitudeReading]) -> list[RatePa
 # ---- readings of the rates -------------------------------------------------------------------------------------------------
 
 
-def _list_readings(pair: RatePair, scales: Mapping[str, float], turns: Sequence[tuple[str, Array]]) -> list[Reading]:
+def _list_readings(pair: RatePair, scales: Mapping[str, float], turns: Sequence[AxesChange]) -> list[Reading]:
     """The readings of one pair with each factor and each order, sign or rotation of the gyro's axes."""
     whole, own = float(np.sum(pair.reference**2)), float(np.sum(pair.gyro**2))
     cross = pair.reference.T @ pair.gyro
     out = []
-    for (name, scale), (turned, C) in product(scales.items(), turns):
-        left = max(whole - 2 * scale * float(np.sum(C * cross)) + scale**2 * own, 0.0)
+    for (name, scale), turn in product(scales.items(), turns):
+        left = max(whole - 2 * scale * float(np.sum(turn.C * cross)) + scale**2 * own, 0.0)
         if left >= whole:
             continue
-        moved = ROTATION_COUNT if MOUNTING in turned else int(np.sum(np.diag(C) != 1))
-        changes = (*pair.words, *filter(None, (name, turned)), *pair.tags.words)
-        is_number = FACTOR in name or pair.tags.factor != 1
-        kind: Literal["named", "rotation", "alignment"] = (
-            "alignment" if is_number else "rotation" if MOUNTING in turned else "named"
-        )
-        count = moved + bool(name) + len(pair.words) + len(pair.tags.words)
+        kind: Literal["named", "rotation", "alignment"] = "rotation" if turn.moved == ROTATION_COUNT else "named"
+        if FACTOR in name or pair.tags.factor != 1:
+            kind = "alignment"
+        changes = (*pair.words, *filter(None, (name, turn.words)), *pair.tags.words)
+        count = turn.moved + bool(name) + len(pair.words) + len(pair.tags.words)
         out.append(Reading(kind, changes, count, float(np.sqrt(left / whole)), pair.tags.offset_s))
-    return sorted(out, key=lambda one: (one.residual, one.count))[:8]
+    return out
 
 
 def _list_numbers(pair: RatePair, scales: Mapping[str, float]) -> list[Reading]:
@@ -350,13 +356,13 @@ def _list_numbers(pair: RatePair, scales: Mapping[str, float]) -> list[Reading]:
         return []
     rotation = rotate_onto(pair.reference, pair.gyro)[0]
     angle = np.rad2deg(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1.0, 1.0)))
-    turns = [*TURNS, (f"{MOUNTING}, which rotates the gyro's axes by {angle:.3g} deg", rotation)]
+    words = f"--mounting estimate, which rotates the gyro's axes by {angle:.3g} deg"
     own, cross, out = float(np.sum(pair.gyro**2)), pair.reference.T @ pair.gyro, []
-    for turned, C in turns:
-        factor = float(np.sum(C * cross)) / own
+    for turn in (*TURNS, AxesChange(words, rotation, ROTATION_COUNT)):
+        factor = float(np.sum(turn.C * cross)) / own
         is_free = factor > 0 and _find_scale(factor, scales) is None
         free = {f"the rates times {factor:.6g} ({FACTOR})": factor} if is_free else {}
-        out += _list_readings(pair, {**scales, **free}, [(turned, C)])
+        out += _list_readings(pair, {**scales, **free}, [turn])
     return out
 
 
@@ -432,15 +438,16 @@ def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
     return out
 
 
-def _list_turns() -> list[tuple[str, Array]]:
+def _list_turns() -> list[AxesChange]:
     """The 48 orders and signs of three axes, with words for those that are not as read."""
     out = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        Pi = np.zeros((3, 3))
-        Pi[range(3), order] = signs
+        C = np.zeros((3, 3))
+        C[range(3), order] = signs
         names = ",".join(f"{'-' if sign < 0 else ''}{'xyz'[k]}" for sign, k in zip(signs, order, strict=True))
-        out.append(("" if names == "x,y,z" else f"the gyro's axes as {names}", Pi))
-    return sorted(out, key=lambda one: one[0] != "")
+        words = "" if names == "x,y,z" else f"the gyro's axes as {names}"
+        out.append(AxesChange(words, C, int(np.sum(np.diag(C) != 1))))
+    return out
 
 
 def _compute_rms(values: Array) -> float:
@@ -462,23 +469,25 @@ def describe_mean_rates(windows: Motion) -> str:
     reference, gyro = windows.attitudes()[inside], gyro[inside]
     if len(gyro) < FEWEST_RATE_WINDOWS:
         return ""
-    a, b = reference.mean(axis=0), gyro.mean(axis=0)
-    by_attitudes, by_gyro = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    if windows.is_coarse or _compute_rms(gyro - b) > FITS * by_gyro:
+    mean_ref, mean_gyro = reference.mean(axis=0), gyro.mean(axis=0)
+    by_attitudes, by_gyro = float(np.linalg.norm(mean_ref)), float(np.linalg.norm(mean_gyro))
+    if windows.is_coarse or _compute_rms(gyro - mean_gyro) > FITS * by_gyro:
         return ""  # there the motion tells
     span = float(windows.stop_s[inside][-1] - windows.start_s[inside][0])
-    count = max(span / float(np.median(windows.stop_s - windows.start_s)), 1.0)
-    sigma = _compute_rms(reference - a) / np.sqrt(count)
-    off = float(np.linalg.norm(a - b))
-    if by_attitudes < SIGNIFICANT_IN_SIGMA * sigma or off <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * sigma):
+    independent = max(span / float(np.median(windows.stop_s - windows.start_s)), 1.0)
+    sigma = _compute_rms(reference - mean_ref) / np.sqrt(independent)
+    difference = float(np.linalg.norm(mean_ref - mean_gyro))
+    is_seen = by_attitudes >= SIGNIFICANT_IN_SIGMA * sigma
+    if not is_seen or difference <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * sigma):
         return ""
     # Errors across the rate lengthen it by half their square over it.
-    own = float(np.std((reference - a) @ a)) / by_attitudes / np.sqrt(count) + sigma**2 / (2 * by_attitudes)
-    degrees = np.rad2deg([by_gyro, by_attitudes, own, off])
-    sizes = f"the mean rate is {degrees[0]:.4g} deg/s by the gyro, {degrees[1]:.4g} ± {degrees[2]:.1g} deg/s by the attitudes"
-    if abs(by_gyro - by_attitudes) <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * own):
-        return f"{sizes}, in another direction: a bias of {degrees[3]:.3g} deg/s, or a rotation (--mounting estimate)"
+    along = float(np.std((reference - mean_ref) @ mean_ref)) / by_attitudes / np.sqrt(independent)
+    size_sigma = along + sigma**2 / (2 * by_attitudes)
+    shown = np.rad2deg([by_gyro, by_attitudes, size_sigma, difference])
+    sizes = f"the mean rate is {shown[0]:.4g} deg/s by the gyro, {shown[1]:.4g} ± {shown[2]:.1g} deg/s by the attitudes"
+    if abs(by_gyro - by_attitudes) <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * size_sigma):
+        return f"{sizes}, in another direction: a bias of {shown[3]:.3g} deg/s, or a rotation (--mounting estimate)"
     return (
-        f"{sizes}, which no rotation explains: a bias of {degrees[3]:.3g} deg/s, gyros that are not at right angles (--axes), "
+        f"{sizes}, which no rotation explains: a bias of {shown[3]:.3g} deg/s, gyros that are not at right angles (--axes), "
         f"or a factor (--rate-factor {by_attitudes / by_gyro:.4g}); the motion does not tell them apart"
     )

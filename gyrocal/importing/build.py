@@ -50,7 +50,6 @@ logger = logging.getLogger(__name__)
 TEMPERATURE = ["t_s", "gyro_temperature_c"]
 SMALLEST_SIGMA = 1e-9  # rad, and rad/√s, of noise that is not yet estimated: the scatter of the innovations takes its place
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
-LARGEST_PLAUSIBLE_TURN = np.deg2rad(170.0)
 LARGEST_START_BIAS_SHARE = 0.3  # of the RMS rate: by so much a bias in motion may be off that of the rests
 EULER_SEQUENCES = tuple(
     made
@@ -136,7 +135,7 @@ def build(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> Impor
     said += mask.describe(recording)
     for text in said:
         logger.info("%s", text)
-    warnings += _list_warnings(found, mapping, G, near, gyro, bool(still))
+    warnings += _list_warnings(found, mapping, near, gyro, bool(still))
     if mapping.bias_deg_s is None:
         warnings.append(describe_mean_rates(windows))
     return ImportResult(mask.apply(recording), mapping, tuple(said), streams.sensors, joined, tuple(filter(None, warnings)))
@@ -326,9 +325,7 @@ def _exchange_direction(text: str) -> str:
     return ":".join("-to-".join(word.split("-to-")[::-1]) if word in ATTITUDE_DIRECTIONS else word for word in words)
 
 
-def _list_warnings(
-    found: Agreement, mapping: Mapping, G: Array, near: Alignment | None, gyro: GyroStream, has_rest: bool
-) -> list[str]:
+def _list_warnings(found: Agreement, mapping: Mapping, near: Alignment | None, gyro: GyroStream, has_rest: bool) -> list[str]:
     """List implausible values, which are shown first."""
     out = []
     if found.residual > FITS:
@@ -337,10 +334,6 @@ def _list_warnings(
         out.append(
             f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"
         )
-    if mapping.mounting != "as given" and mapping.axes is None and mapping.G is None:
-        angle = float(Rotation.from_matrix(G).magnitude())
-        if angle > LARGEST_PLAUSIBLE_TURN:
-            out.append(f"the gyro's frame is turned by {np.rad2deg(angle):.0f} deg: are the signs of its axes as stated?")
     if has_rest and near is not None and mapping.bias_deg_s is None:
         off = float(np.linalg.norm(near.bias - gyro.apriori_bias))
         speed = float(np.sqrt(np.mean(np.sum(np.square(gyro.rates + gyro.apriori_bias), axis=1))))
