@@ -18,7 +18,7 @@ import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.importing.agreement import explain_refusal
-from gyrocal.importing.build import ImportResult, build
+from gyrocal.importing.build import ImportResult, import_streams
 from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.estimates import estimate_walk
@@ -82,7 +82,7 @@ def import_tables(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, 
     """
     gyro, attitude, mapping = resolve_columns(gyro, attitude, mapping)
     streams = read_streams(gyro, attitude, mapping)
-    return build(streams, mapping, said)
+    return import_streams(streams, mapping, said)
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:

@@ -83,7 +83,7 @@ class ImportResult:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> ImportResult:
+def import_streams(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> ImportResult:
     """Build a recording of the streams of both tables; `said` is what was taken for granted before.
 
     An `InputError` if the tables do not overlap, do not fit each other, or are too short.

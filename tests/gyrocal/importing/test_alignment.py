@@ -12,7 +12,7 @@ import gyrocal
 import simulator
 from gyrocal.importing import motion, validate_mapping
 from gyrocal.importing.alignment import estimate_alignment, refine
-from gyrocal.importing.build import build
+from gyrocal.importing.build import import_streams
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.streams import read_streams
 from tests.builders import choose_case_numbers
@@ -71,11 +71,11 @@ def test_alignment_is_found_within_its_sigmas(logs):
 
 def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data):
     off = with_clock(data, 1.02, 1.7)
-    made = build(*read(off, align="auto"))
+    made = import_streams(*read(off, align="auto"))
     assert made.mapping.align == "as given"
     assert made.mapping.attitude_offset_s == pytest.approx(1.7, abs=0.01)
     assert any("± " in text and "which differs from zero" in text for text in made.assumed)
-    again = build(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
+    again = import_streams(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
     np.testing.assert_allclose(again.recording.attitudes.t_s, made.recording.attitudes.t_s, atol=1e-9)
     np.testing.assert_allclose(again.recording.gyro.t_s, made.recording.gyro.t_s, atol=1e-9)
     assert any("does not differ from zero" in text for text in again.assumed)
@@ -88,7 +88,7 @@ def test_temperatures_keep_the_times_of_their_rows(data):
     off, degrees = with_clock(data, 1.02, 1.7), np.arange(len(data.gyro)) / 100.0
     warm = {"warm": np.where(degrees % 0.03 < 0.015, degrees, np.nan)}
     gyro = off.gyro.assign(timestamp_ms=off.gyro["timestamp_ms"] - mems_log.UNIX_MS + 4.2e6, **warm)
-    recording = build(*read(replace(off, gyro=gyro), align="auto", temperature="warm")).recording
+    recording = import_streams(*read(replace(off, gyro=gyro), align="auto", temperature="warm")).recording
     found = recording.tables["housekeeping"]
     assert len(found) < 0.7 * len(degrees)
     t_s = np.interp(found["gyro_temperature_c"], degrees, recording.gyro.t_s)

@@ -18,7 +18,7 @@ def imported():
     made = column_mapping.validate_mapping(
         {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-world", "title": 'a "log"'}, "here"
     )
-    return build.build(streams.read_streams(log.gyro, log.attitude, made), made).recording
+    return build.import_streams(streams.read_streams(log.gyro, log.attitude, made), made).recording
 
 
 def back(folder):
