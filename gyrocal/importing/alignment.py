@@ -200,23 +200,13 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool, mirrored: bool) -> Al
     place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
     cov = _compute_covariance(J, left, N, place) / np.outer(size, size)
     r0 = reference[inside] - reference[inside].mean(axis=0)
-    factor, offset = 1 / (1 + now.rate), _shift(now.at_centre, now.rate, centre)
-    offset_sigma, time_sigma = _compute_time_sigmas(
-        windows, reference, (offset, factor), inside, since_centre, with_clock * centre
-    )
-    return Alignment(
-        offset,
-        offset_sigma,
-        factor,
-        time_sigma,
-        reverse,
-        np.asarray(now.C),
-        _compute_turn_sigma(np.sqrt(np.diag(cov)[2:5]), now.C, left, r0),
-        now.scale,
-        float(now.scale * np.sqrt(cov[5, 5])),
-        now.bias,
-        float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
-    )
+    turn_sigma = _compute_turn_sigma(np.sqrt(np.diag(cov)[2:5]), now.C, left, r0)
+    found = _shift(now.at_centre, now.rate, centre), 1 / (1 + now.rate)
+    sigmas = _compute_time_sigmas(windows, reference, found, inside, since_centre, with_clock * centre)
+    residual = float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300)))
+    times = found[0], sigmas[0], found[1], sigmas[1]
+    scale_sigma = float(now.scale * np.sqrt(cov[5, 5]))
+    return Alignment(*times, reverse, np.asarray(now.C), turn_sigma, now.scale, scale_sigma, now.bias, residual)
 
 
 def _estimate_start(windows: Motion, reference: Array, mirrored: bool) -> _Parameters | None:
