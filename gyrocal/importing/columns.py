@@ -1,6 +1,7 @@
 """Columns by name or by number, in every entry of a mapping that names some.
 
-A name may be a column's number from 1, as "#9", or as "9" where no column has that name.
+A name may be a column's number from 1, as "#9", or as "9" where no column has that name. Elements of one group, such as
+"Gyroscope X" of two header rows, may be named without it where no other group has all of them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import re
 import pandas as pd
 
 from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
-from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, QUATERNION_ORDERS, Mapping, find_name
+from gyrocal.errors import InputError
+from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, PLACE, QUATERNION_ORDERS, Mapping, find_name
 from gyrocal.importing.units import COUNTS_UNIT, INCREMENT_UNITS, TIME_WORDS
 
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
@@ -64,7 +66,8 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
     for first in range(1, len(pieces)) if count is None else [len(pieces) - count]:
         head = ":".join(pieces[:first])
         names = [name.strip() for name in ([head] if head in columns else head.split(","))]
-        found = [find_name(name, columns, what) for name in names if name]
+        names = _add_group([name for name in names if name], columns, what)
+        found = [find_name(name, columns, what) for name in names]
         if found and all(found):
             ways.append((found, [word.strip() for word in pieces[first:]]))
     if not ways:
@@ -80,3 +83,19 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
             renamed[name] = " ".join(re.sub("[,:]", " ", name).split())
         names.append(sign + renamed.get(name, name))
     return ":".join([",".join(names), *words])
+
+
+def _add_group(names: list[str], columns: list[str], what: str) -> list[str]:
+    """Names with the one group of two header rows that has columns of all of them; as they are where none is needed."""
+    plain = [name.removeprefix("-").strip() for name in names]
+    if all(name in columns or PLACE.fullmatch(name) for name in plain):
+        return names
+    groups = [{column.removesuffix(f" {name}") for column in columns if column.endswith(f" {name}")} for name in plain]
+    shared = sorted(set.intersection(*groups)) if groups else []
+    if len(shared) > 1:
+        raise InputError(
+            f"{what}: {', '.join(plain)} are columns of {' and of '.join(shared)}; write {shared[0]} {plain[0]} or the like"
+        )
+    if not shared:
+        return names
+    return [("-" if name.startswith("-") else "") + f"{shared[0]} {short}" for name, short in zip(names, plain, strict=True)]
