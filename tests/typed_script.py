@@ -18,7 +18,7 @@ def bias_of(folder: str) -> list[float]:
     values: list[float] = result.bias_deg_s.tolist()
     print(result.to_frame()["sigma"].sum(), made.to_frame("gyro").shape, gyrocal.__version__)
     result.plot_residuals(before=True).set_title("residuals")
-    print(result.plot_parameters().get_xlabel(), made.to_xarray().sizes, result.parameters.bias_deg_s.sum())
+    print(result.plot_parameters().get_xlabel(), result.parameters.bias_deg_s.sum())
     return values
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from gyrocal import attitude, calibrate
 from gyrocal.estimation.predict import condition_on_references, list_step_times, predict, prior_covariance
 from gyrocal.importing import load_mapping, validate_mapping
-from gyrocal.importing.build import build
+from gyrocal.importing.build import import_streams
 from gyrocal.importing.streams import read_streams
 
 FOLDER = Path(__file__).parent / "sentinel2a"
@@ -29,7 +29,7 @@ def import_flight(until_s=LAST_REFERENCE_S):
     """The gyros, and the attitudes of the trackers up to a time."""
     mapping = validate_mapping(load_mapping(FOLDER / "mapping.toml"), "mapping.toml")
     gyros, trackers = (pd.read_csv(FOLDER / name) for name in ("imu.csv", "str.csv"))
-    return build(read_streams(gyros, trackers[trackers["t_s"] <= until_s], mapping), mapping)
+    return import_streams(read_streams(gyros, trackers[trackers["t_s"] <= until_s], mapping), mapping)
 
 
 def build_prior(recording):

@@ -15,7 +15,7 @@ from gyrocal.calibration.estimated_noise import compute_chi2_p
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.mounting import Mounting, compute_mounting
 from gyrocal.calibration.observability import BIAS_LETTERS, Observability
-from gyrocal.calibration.parameters import AXIS_NAMES, NAMES, GyroParameters
+from gyrocal.calibration.parameters import AXIS_NAMES, GyroParameters
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
@@ -26,12 +26,10 @@ from gyrocal.calibration.verdict import (
     find_combinations_lost_to_misfit,
     find_implausible_values,
 )
-from gyrocal.errors import InputError
 from gyrocal.recording.recording_data import format_html, format_text
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray
     from matplotlib.axes import Axes
 
 
@@ -233,38 +231,6 @@ class CalibrationResult:
     def sigma_bias_deg_s(self) -> Array:
         """(3,) formal 1-sigma of b, deg/s."""
         return np.asarray(np.rad2deg(self.sigma[9:]))
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Parameters, their covariance and residuals as one labelled data set, in degrees; xarray is an optional extra."""
-        try:
-            import xarray
-        except ImportError:
-            raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
-        deg, deg_s = {"units": "deg"}, {"units": "deg/s"}
-        parts = {
-            f"{label}_deg": (("residual", "rotation"), self._select_residuals(label).to_numpy(), deg)
-            for label in ("before", "after", "sigma")
-        }
-        return xarray.Dataset(
-            {
-                "G": (("body", "gyro"), self.G),
-                "bias_deg_s": ("body", self.bias_deg_s, deg_s),
-                "sigma_G": (("body", "gyro"), self.sigma[:9].reshape(3, 3)),
-                "sigma_bias_deg_s": ("body", self.sigma_bias_deg_s, deg_s),
-                "covariance": (("parameter", "other"), _convert_covariance(self.covariance), {"units": "1 and deg/s"}),
-                **parts,
-            },
-            {
-                "body": list(AXIS_NAMES),
-                "gyro": list(AXIS_NAMES),
-                "parameter": list(NAMES),
-                "other": list(NAMES),
-                "rotation": list(ROTATION_NAMES),
-                "t_s": ("residual", self.residuals["t_s"].to_numpy(), {"units": "s"}),
-                "interval": ("residual", self.residuals["interval"].to_numpy(dtype=object)),
-            },
-            {"recording": self.recording, "chi2": self.chi2, "degrees_of_freedom": self.dof},
-        )
 
     def _select_residuals(self, label: str) -> pd.DataFrame:
         """Columns of the residuals "before" or "after", or of their "sigma", deg."""

@@ -7,45 +7,29 @@ and how else they would, `estimates` estimates noise and bias, and `build` puts 
 
 from __future__ import annotations
 
-import importlib
 import os
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from gyrocal.errors import InputError
-from gyrocal.files import open_replacement
-from gyrocal.recording import GyroStream, Interval, Recording, format_toml, save
+from gyrocal.importing.agreement import explain_refusal
+from gyrocal.importing.build import ImportResult, import_streams
+from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
+from gyrocal.importing.columns import resolve_columns
+from gyrocal.importing.estimates import estimate_walk
+from gyrocal.importing.gyro_join import join_gyros
+from gyrocal.importing.reference_join import SensorReferences, join_references
+from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.recording import GyroStream, Interval, Recording, save
+from gyrocal.recording.import_notes import write_import_notes
 from gyrocal.recording.parts import build_empty_attitudes
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from gyrocal.importing.agreement import explain_refusal
-    from gyrocal.importing.build import ImportResult
-    from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
-    from gyrocal.importing.gyro_join import join_gyros
-    from gyrocal.importing.reference_join import SensorReferences, join_references
-
-NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
-NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
-LATE = {  # public names, and the modules that load pydantic's models or scipy for them
-    "ImportResult": "gyrocal.importing.build",
-    "Mapping": "gyrocal.importing.column_mapping",
-    "SensorReferences": "gyrocal.importing.reference_join",
-    "explain_refusal": "gyrocal.importing.agreement",
-    "join_gyros": "gyrocal.importing.gyro_join",
-    "join_references": "gyrocal.importing.reference_join",
-    "load_mapping": "gyrocal.importing.column_mapping",
-    "validate_mapping": "gyrocal.importing.column_mapping",
-}
-
 __all__ = [
-    "NOTES_FILE",
     "ImportResult",
     "Mapping",
     "SensorReferences",
@@ -56,22 +40,9 @@ __all__ = [
     "join_gyros",
     "join_references",
     "load_mapping",
-    "read_estimated_noise",
-    "read_import_warnings",
     "validate_mapping",
     "write",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is asked for: a calibration reads the notes of an import alone."""
-    if name not in LATE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(LATE[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *LATE})
 
 
 def import_csv(
@@ -95,9 +66,6 @@ def import_csv(
     InputError
         One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
     """
-    from gyrocal.importing.column_mapping import validate_mapping
-    from gyrocal.importing.streams import read_csv
-
     if mapping is None:
         mapping = validate_mapping(entries, "mapping")
     elif entries:
@@ -112,15 +80,9 @@ def import_tables(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, 
 
     said: what was taken for granted when the tables were made, a sentence each
     """
-    from gyrocal.importing.columns import resolve_columns
-    from gyrocal.importing.streams import read_streams
-
     gyro, attitude, mapping = resolve_columns(gyro, attitude, mapping)
     streams = read_streams(gyro, attitude, mapping)
-
-    from gyrocal.importing.build import build  # late: what compiles is not loaded for a table that cannot be read
-
-    return build(streams, mapping, said)
+    return import_streams(streams, mapping, said)
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
@@ -129,10 +91,6 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     An `InputError` if a column is missing or does not hold what the mapping says. Of its entries time and gyro are needed, and
     those of attitudes are not read.
     """
-    from gyrocal.importing.column_mapping import validate_mapping
-    from gyrocal.importing.columns import resolve_columns
-    from gyrocal.importing.streams import read_csv, read_streams
-
     path = Path(file)
     table = read_csv(path)
     if "time" not in entries or "gyro" not in entries:
@@ -143,8 +101,6 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     mapping = validate_mapping(entries, "options", attitude_needed=False)
     table, _, mapping = resolve_columns(table, table, mapping)
     streams = read_streams(table, None, mapping)
-    from gyrocal.importing.estimates import estimate_walk  # late, as above
-
     arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])[0]
     stop = float(streams.t_s[-1] + streams.sample_s)
     recording = Recording(
@@ -160,34 +116,10 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
 
 
 def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
-    """Write the recording, titled by its folder unless it has a title, and beside it `NOTES_FILE`."""
+    """Write the recording, titled by its folder unless it has a title, and beside it the notes of the import."""
     recording = imported.recording
     if not imported.mapping.title:
         recording = replace(recording, title=Path(folder).resolve().name)
     save(recording, folder)
     entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
-    lines = ["# How this recording was imported."]
-    for name, texts in (("implausible", imported.warnings), ("assumed", imported.assumed)):
-        lines += [f"{name} = [", *(f"    {format_toml(text)}," for text in texts), "]"] if texts else []
-    lines += ["", "[mapping]"]
-    lines += [f"{key} = {format_toml(value)}" for key, value in entries.items()]
-    with open_replacement(Path(folder) / NOTES_FILE) as file:
-        file.write(("\n".join(lines) + "\n").encode())
-
-
-def read_estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
-    """Read the noise of gyro and references that an import estimated, a sentence each; none where none is recorded."""
-    return [text for text in _read_notes(folder, "assumed") if text.startswith(NOISE_PHRASES)]
-
-
-def read_import_warnings(folder: str | os.PathLike[str]) -> list[str]:
-    """Read the warnings of an import, a sentence each; none where none is recorded."""
-    return _read_notes(folder, "implausible")
-
-
-def _read_notes(folder: str | os.PathLike[str], name: str) -> list[str]:
-    try:
-        texts = tomllib.loads((Path(folder) / NOTES_FILE).read_text(encoding="utf-8"))[name]
-        return [text for text in texts if isinstance(text, str)]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError):
-        return []
+    write_import_notes(folder, imported.warnings, imported.assumed, entries)

@@ -23,13 +23,13 @@ that of a fit without one, over the whole recording.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import correlate
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.spatial.transform import Rotation
 
-from gyrocal.arrays import Array
+from gyrocal.arrays import Array, Mask
 from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, integrate_rates, rotate_onto
 
 MOST_CLOCK_ERROR = 0.03  # of a clock that is searched beside factors of ten and the ratio of both lengths
@@ -61,7 +61,7 @@ class Alignment:
     time_factor: float
     time_sigma: float
     reverse: bool  # whether the attitudes' direction is the other one
-    # C, turn_sigma: (3, 3), and (3,) 1-sigma of the rotation about the body's axes, rad
+    # C, turn_sigma: (3, 3), orthogonal, and (3,) 1-sigma of the rotation about the body's axes, rad
     C: Array
     turn_sigma: Array
     # factor, factor_sigma: s
@@ -96,23 +96,6 @@ class Alignment:
         """Whether one clock is faster than the other."""
         return abs(self.time_factor - 1) > SIGNIFICANT_IN_SIGMA * self.time_sigma
 
-    @property
-    def changes(self) -> list[str]:
-        """Changes to be made, in words with their options."""
-        out = []
-        if self.is_clock_off:
-            out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")
-        if self.reverse:
-            out.append("the other direction of the attitudes")
-        if self.is_late:
-            out.append(f"{self.offset_s:+.6g} s added to the attitudes' time tags (--attitude-offset)")
-        if self.is_turned:
-            angle = float(np.rad2deg(np.linalg.norm(self.turn)))
-            out.append(f"--mounting estimate, which rotates the gyro's axes by {angle:.3g} deg")
-        if self.is_scaled:
-            out.append(f"the rates times {self.factor:.6g} (--rate-factor)")
-        return out
-
     def describe_offset(self) -> str:
         """The time offset with its sigma, and whether it differs from zero."""
         return (
@@ -146,7 +129,7 @@ def estimate_alignment(
     accumulated: whether the rates are differences of an accumulated angle, which a factor of time makes smaller
     """
     found = []
-    for offset, factor in _search(t_s, rates, sample_s, t_ref, q):
+    for offset, factor in search_starts(*integrate_rates(t_s, rates, sample_s), t_ref, q):
         windows = build_motion(t_s[0] + factor * (t_s - t_s[0]), rates, factor * sample_s, t_ref + offset, q)
         one = None if windows is None else refine(windows)
         if one is None:
@@ -167,22 +150,67 @@ def estimate_alignment(
     return replace(best, offset_s=best.offset_s + near.offset_s)
 
 
-def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True) -> Alignment | None:
+def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True, mirrored: bool = False) -> Alignment | None:
     """Find the alignment near the tags as they are, in the direction that fits if it is not given; None of too few windows.
 
     Without a clock rate the offset is that of the whole recording.
+
+    mirrored: whether C may be a reflection, as of axes that are exchanged
     """
     if reverse is not None:
-        return _fit(windows, reverse, with_clock)
-    one, other = (_fit(windows, way, with_clock) for way in (False, True))
+        return _fit(windows, reverse, with_clock, mirrored)
+    one, other = (_fit(windows, way, with_clock, mirrored) for way in (False, True))
     if one is None or other is None:
         return one or other
     return other if other.residual < DIRECTION_RATIO * one.residual else one
 
 
-def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
+class _Parameters(NamedTuple):
+    """Parameters of the fit."""
+
+    C: Array
+    scale: float
+    bias: Array
+    at_centre: float = 0.0  # offset at the centre of the time, s; it and the rate are nearly uncorrelated
+    rate: float = 0.0  # 1/f − 1
+
+
+def _fit(windows: Motion, reverse: bool, with_clock: bool, mirrored: bool) -> Alignment | None:
     """Fit all parameters by Gauss-Newton steps for one direction of the attitudes; None of too few windows."""
     reference = windows.attitudes(reverse=reverse)
+    now = _estimate_start(windows, reference, mirrored)
+    if now is None:
+        return None
+    t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
+    centre, span = float(middle.mean()) - t0, float(windows.stop_s[-1] - windows.start_s[0])
+    length = float(np.median(windows.stop_s - windows.start_s))
+    since_centre = with_clock * (middle - t0 - centre)
+    for _ in range(STEPS):
+        offset, factor = _shift(now.at_centre, now.rate, centre), 1 / (1 + now.rate)
+        mean, slope, inside = _differentiate_rates(windows, offset, factor, 0.25 * length)
+        if inside.sum() < FEWEST_ALIGNED_WINDOWS:
+            return None
+        model = now.scale * mean @ now.C.T
+        left = reference[inside] - model - now.bias
+        J, size, N = _scale_columns(_build_columns(model, now.scale * slope @ now.C.T, since_centre[inside]))
+        step = np.linalg.solve(N, J.T @ left.ravel()) / size
+        now, is_done = _take_step(now, step, length, span)
+        if is_done:
+            break
+    place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
+    cov = _compute_covariance(J, left, N, place) / np.outer(size, size)
+    r0 = reference[inside] - reference[inside].mean(axis=0)
+    turn_sigma = _compute_turn_sigma(np.sqrt(np.diag(cov)[2:5]), now.C, left, r0)
+    found = _shift(now.at_centre, now.rate, centre), 1 / (1 + now.rate)
+    sigmas = _compute_time_sigmas(windows, reference, found, inside, since_centre, with_clock * centre)
+    residual = float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300)))
+    times = found[0], sigmas[0], found[1], sigmas[1]
+    scale_sigma = float(now.scale * np.sqrt(cov[5, 5]))
+    return Alignment(*times, reverse, np.asarray(now.C), turn_sigma, now.scale, scale_sigma, now.bias, residual)
+
+
+def _estimate_start(windows: Motion, reference: Array, mirrored: bool) -> _Parameters | None:
+    """Rotation, scale factor and bias with the tags as they are; None of too few windows or no motion."""
     gyro, inside = _measure(windows, 0.0, 1.0)
     if inside.sum() < FEWEST_ALIGNED_WINDOWS:
         return None
@@ -190,52 +218,47 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
     r0, g0 = r - r.mean(axis=0), g - g.mean(axis=0)
     if not np.sum(r0 * r0) > 0 or not np.sum(g0 * g0) > 0:
         return None
-    C, common = rotate_onto(r0, g0)
+    C, common = rotate_onto(r0, g0, mirrored)
     scale = max(common, 1e-3 * np.sum(g0 * g0)) / float(np.sum(g0 * g0))
-    bias = r.mean(axis=0) - scale * C @ g.mean(axis=0)
-    # Centred clock: τ and f are then nearly uncorrelated.
-    t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
-    centre, span = float(middle.mean()) - t0, float(windows.stop_s[-1] - windows.start_s[0])
-    length = float(np.median(windows.stop_s - windows.start_s))
-    at_centre, rate = 0.0, 0.0  # offset at the centre, and 1/f − 1
-    for _ in range(STEPS):
-        mean, slope, inside = _differentiate_rates(windows, _shift(at_centre, rate, centre), 1 / (1 + rate), 0.25 * length)
-        if inside.sum() < FEWEST_ALIGNED_WINDOWS:
-            return None
-        model = scale * mean @ C.T
-        left = reference[inside] - model - bias
-        J = _build_columns(model, scale * slope @ C.T, with_clock * (middle[inside] - t0 - centre))
-        J, size, N = _scale_columns(J)
-        step = np.linalg.solve(N, J.T @ left.ravel()) / size
-        step[0] = np.clip(step[0], -0.5 * length, 0.5 * length)
-        step[1] = np.clip(step[1], -length / span, length / span)
-        at_centre += step[0]
-        rate += step[1]
-        C = Rotation.from_rotvec(np.clip(step[2:5], -0.5, 0.5)).as_matrix() @ C
-        scale *= float(np.exp(np.clip(step[5], -0.5, 0.5)))
-        bias = bias + step[6:]
-        if abs(step[0]) + abs(step[1]) * span < 1e-6 * length and np.abs(step[2:6]).max() < 1e-7:
-            break
-    place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
-    cov = _compute_covariance(J, left, N, place) / np.outer(size, size)
-    r0 = reference[inside] - reference[inside].mean(axis=0)
-    turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
+    return _Parameters(C, scale, r.mean(axis=0) - scale * C @ g.mean(axis=0))
+
+
+def _take_step(now: _Parameters, step: Array, length: float, span: float) -> tuple[_Parameters, bool]:
+    """Parameters after a step (9,), which is clipped, and whether the step is negligible."""
+    step[0] = np.clip(step[0], -0.5 * length, 0.5 * length)
+    step[1] = np.clip(step[1], -length / span, length / span)
+    C = Rotation.from_rotvec(np.clip(step[2:5], -0.5, 0.5)).as_matrix() @ now.C
+    scale = now.scale * float(np.exp(np.clip(step[5], -0.5, 0.5)))
+    is_done = abs(step[0]) + abs(step[1]) * span < 1e-6 * length and np.abs(step[2:6]).max() < 1e-7
+    return _Parameters(C, scale, now.bias + step[6:], now.at_centre + step[0], now.rate + step[1]), bool(is_done)
+
+
+def _compute_turn_sigma(sigma: Array, C: Array, left: Array, r0: Array) -> Array:
+    """Sigma (3,) of the rotation, which is at least its angle where the rotation explains little across the main axis."""
+    across = np.linalg.eigh(r0.T @ r0)[1][:, :2]
     floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
     if np.sum((left @ across) ** 2) > MOST_LEFT_ACROSS * np.sum((r0 @ across) ** 2) + floor:
-        turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C).as_rotvec()))
-    factor, offset = 1 / (1 + rate), _shift(at_centre, rate, centre)
-    cov_time = _compute_time_covariance(windows, reference, offset, factor, with_clock * (middle - t0 - centre))
-    to_offset = np.array([factor, -factor * centre * with_clock])  # the offset is f (τ_c − rate·centre)
-    offset_sigma, time_sigma = float(np.sqrt(to_offset @ cov_time @ to_offset)), float(factor**2 * np.sqrt(cov_time[1, 1]))
+        return np.maximum(sigma, np.linalg.norm(Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()))
+    return sigma
+
+
+def _compute_time_sigmas(
+    windows: Motion, reference: Array, found: tuple[float, float], inside: Mask, since_centre: Array, centre: float
+) -> tuple[float, float]:
+    """Sigma of the offset, s, and of the factor, which are at least their values over the significance of both.
+
+    found: offset, s, and factor; since_centre, centre: (n,) s from the centre to each window, and s from t₀ to the centre;
+    zeros where no clock rate is fitted
+    """
+    offset, factor = found
+    cov = _compute_time_covariance(windows, reference, offset, factor, since_centre)
+    to_offset = np.array([factor, -factor * centre])  # the offset is f (τ_c − rate·centre)
+    offset_sigma, time_sigma = float(np.sqrt(to_offset @ cov @ to_offset)), float(factor**2 * np.sqrt(cov[1, 1]))
     # In sigma, by the likelihood ratio of as many independent rates as windows side by side have.
     independent = 3 * inside.sum() / float(np.median(windows.rows[:, 1] - windows.rows[:, 0]))
-    before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
+    before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), found))
     least = 1 / np.sqrt(max(independent * np.log(before / after), 1.0))
-    offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
-    residual = float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300)))
-    scale_sigma = float(scale * np.sqrt(cov[5, 5]))
-    times = offset, offset_sigma, factor, time_sigma
-    return Alignment(*times, reverse, np.asarray(C), turn_sigma, scale, scale_sigma, bias, residual)
+    return max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
 
 
 def _compute_time_covariance(windows: Motion, reference: Array, offset: float, factor: float, since: Array) -> Array:
@@ -273,7 +296,7 @@ def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float)
     return float(np.mean(np.square(left)))
 
 
-def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, Mask]:
     """Mean rates of the gyro, their slopes per s of its time, and the windows in which both are known."""
     (gyro, inside), (later, a), (sooner, b) = (_measure(windows, offset + k * h * factor, factor) for k in (0, 1, -1))
     inside = inside & a & b
@@ -315,55 +338,72 @@ def _shift(at_centre: float, rate: float, centre: float) -> float:
     return (at_centre - rate * centre) / (1 + rate)
 
 
-def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, NDArray[np.bool_]]:
+def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, Mask]:
     """Mean rates of the gyro over the windows, its tags multiplied by a factor."""
     t0 = windows.t_s[0]
     return windows.measure(*(t0 + (edge + offset - t0) / factor for edge in (windows.start_s, windows.stop_s)))
 
 
-def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -> list[tuple[float, float]]:
-    """Offsets and time factors at which the speeds of both correlate best, the tags as they are first."""
-    edges, angle = integrate_rates(t_s, rates, sample_s)
-    turned = Rotation.from_quat(q)
+def search_starts(edges: Array, angle: Array, t_ref: Array, q: Array) -> list[tuple[float, float]]:
+    """Offsets and time factors at which the speeds of both correlate best, the tags as they are first.
+
+    edges, angle: (n,) s and (n, 3) rad of the gyro, see `integrate_rates`
+    """
+    attitude = Rotation.from_quat(q)
     steps = np.diff(t_ref)
-    speed = float(np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / steps, 90))
+    fast = float(np.percentile((attitude[:-1].inv() * attitude[1:]).magnitude() / steps, 90))
     span_ref, span_gyro = float(t_ref[-1] - t_ref[0]), float(edges[-1] - edges[0])
-    length = max(min(MOST_WINDOW_TURN / max(speed, 1e-12), span_ref / 60), float(np.median(steps)))
+    length = max(min(MOST_WINDOW_TURN / max(fast, 1e-12), span_ref / 60), float(np.median(steps)))
     stride = max(round(length / float(np.median(steps))), 1)
     length = stride * float(np.median(steps))
     dt = max(length / 2, 2 * max(span_ref, span_gyro) / MOST_GRID) if span_gyro < 100 * span_ref else length / 2
-    by_attitudes = (turned[:-stride].inv() * turned[stride:]).magnitude() / (t_ref[stride:] - t_ref[:-stride])
+    by_attitudes = (attitude[:-stride].inv() * attitude[stride:]).magnitude() / (t_ref[stride:] - t_ref[:-stride])
     grid = np.arange(0, span_ref - length, dt)
-    a = np.interp(t_ref[0] + 0.5 * length + grid, 0.5 * (t_ref[stride:] + t_ref[:-stride]), by_attitudes)
+    speed_ref = np.interp(t_ref[0] + 0.5 * length + grid, 0.5 * (t_ref[stride:] + t_ref[:-stride]), by_attitudes)
+    scored: list[tuple[float, float, float]] = []
+    for factor in _list_time_factors(span_ref, span_gyro, length):
+        begin = np.arange(0, factor * span_gyro - length, dt)
+        if not 8 < begin.size < 4 * MOST_GRID or speed_ref.size < 8:
+            continue
+        first, last = edges[0] + begin / factor, edges[0] + (begin + length) / factor
+        turn = np.stack([np.interp(last, edges, x) - np.interp(first, edges, x) for x in angle.T], axis=1)
+        score, lag = _correlate(speed_ref, np.linalg.norm(turn, axis=1))
+        # The attitudes' first window, at t_ref[0], lies at the gyro's edges[0] + lag·dt.
+        scored.append((score, edges[0] + lag * dt - t_ref[0], factor))
+    best = [(offset, factor) for _, offset, factor in sorted(scored, reverse=True)[:STARTS]]
+    return [(0.0, 1.0), *best]
+
+
+def _list_time_factors(span_ref: float, span_gyro: float, length: float) -> set[float]:
+    """Factors of the gyro's tags to search: near one, near a power of ten and near the ratio of both spans, s.
+
+    length: of a window, s, by which the ends may be off
+    """
     ratio = span_ref / span_gyro
     bases = [1.0, *(10.0**k for k in (-6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6) if 0.2 < ratio / 10.0**k < 5)]
     if abs(ratio - 1) > MOST_CLOCK_ERROR:
         bases.append(ratio)
     fine = max(length / max(span_ref, 1e-12), 2 * MOST_CLOCK_ERROR / MOST_CLOCKS)
     half = int(MOST_CLOCK_ERROR / fine)
-    found: list[tuple[float, float, float]] = []
-    for factor in {base * (1 + fine * k) for base in bases for k in range(-half, half + 1)}:
-        own = np.arange(0, factor * span_gyro - length, dt)
-        if not 8 < own.size < 4 * MOST_GRID or a.size < 8:
-            continue
-        begin, end = edges[0] + own / factor, edges[0] + (own + length) / factor
-        turn = np.stack([np.interp(end, edges, x) - np.interp(begin, edges, x) for x in angle.T], axis=1)
-        score, lag = _correlate(a, np.linalg.norm(turn, axis=1))
-        # The attitudes' first window, at t_ref[0], lies at the gyro's edges[0] + lag·dt.
-        found.append((score, edges[0] + lag * dt - t_ref[0], factor))
-    best = [(offset, factor) for _, offset, factor in sorted(found, reverse=True)[:STARTS]]
-    return [(0.0, 1.0), *best]
+    return {base * (1 + fine * k) for base in bases for k in range(-half, half + 1)}
 
 
 def _correlate(a: Array, b: Array) -> tuple[float, int]:
     """Largest normalised correlation of a(i) and b(i + lag) over their common points, and the lag."""
     a, b = a - a.mean(), b - b.mean()
     ones_a, ones_b = np.ones(a.size), np.ones(b.size)
-    n = np.maximum(np.round(correlate(ones_b, ones_a, method="fft")), 1)
-    sa, sb = correlate(ones_b, a, method="fft"), correlate(b, ones_a, method="fft")
-    ab, aa, bb = (correlate(*pair, method="fft") for pair in ((b, a), (ones_b, a * a), (b * b, ones_a)))
+    n = np.maximum(np.round(_sum_products(ones_b, ones_a)), 1)
+    sa, sb = _sum_products(ones_b, a), _sum_products(b, ones_a)
+    ab, aa, bb = (_sum_products(*pair) for pair in ((b, a), (ones_b, a * a), (b * b, ones_a)))
     va, vb = aa - sa**2 / n, bb - sb**2 / n
     whole = (n >= LEAST_COMMON * min(a.size, b.size)) & (va > 1e-9 * aa.max()) & (vb > 1e-9 * bb.max())
     score = np.where(whole, (ab - sa * sb / n) / np.sqrt(np.maximum(va * vb, 1e-300)), -1.0)
     best = int(np.argmax(score))
     return float(score[best]), best - (a.size - 1)
+
+
+def _sum_products(b: Array, a: Array) -> Array:
+    """Sums of b(i + lag) a(i) at all lags, the smallest first, by their Fourier transforms."""
+    size = a.size + b.size - 1
+    length = next_fast_len(size, real=True)
+    return np.asarray(irfft(rfft(b, length) * rfft(a[::-1], length), length)[:size])

@@ -15,7 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, describe_mean_rates, evaluate_agreement
+from gyrocal.importing.agreement import (
+    FITS,
+    HOPELESS,
+    LARGEST_FACTOR,
+    Agreement,
+    AttitudeReading,
+    describe_mean_rates,
+    evaluate_agreement,
+)
 from gyrocal.importing.alignment import Alignment, estimate_alignment, refine
 from gyrocal.importing.column_mapping import (
     ATTITUDE_DIRECTIONS,
@@ -42,8 +50,6 @@ logger = logging.getLogger(__name__)
 TEMPERATURE = ["t_s", "gyro_temperature_c"]
 SMALLEST_SIGMA = 1e-9  # rad, and rad/√s, of noise that is not yet estimated: the scatter of the innovations takes its place
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
-LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
-LARGEST_PLAUSIBLE_TURN = np.deg2rad(170.0)
 LARGEST_START_BIAS_SHARE = 0.3  # of the RMS rate: by so much a bias in motion may be off that of the rests
 EULER_SEQUENCES = tuple(
     made
@@ -77,7 +83,7 @@ class ImportResult:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> ImportResult:
+def import_streams(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> ImportResult:
     """Build a recording of the streams of both tables; `said` is what was taken for granted before.
 
     An `InputError` if the tables do not overlap, do not fit each other, or are too short.
@@ -129,7 +135,7 @@ def build(streams: Streams, mapping: Mapping, said: Sequence[str] = ()) -> Impor
     said += mask.describe(recording)
     for text in said:
         logger.info("%s", text)
-    warnings += _list_warnings(found, mapping, G, near, gyro, bool(still))
+    warnings += _list_warnings(found, mapping, near, gyro, bool(still))
     if mapping.bias_deg_s is None:
         warnings.append(describe_mean_rates(windows))
     return ImportResult(mask.apply(recording), mapping, tuple(said), streams.sensors, joined, tuple(filter(None, warnings)))
@@ -209,10 +215,11 @@ def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array | None
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
     others = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
     time_unit = {"unix": "s"}.get(time_unit, time_unit)
-    return evaluate_agreement(windows, mapping.gyro_unit, time_unit, order, reverse, others=others, G=G)
+    accumulated = mapping.gyro_factor[1]
+    return evaluate_agreement(windows, mapping.gyro_unit, time_unit, order, reverse, others, G, accumulated)
 
 
-def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[tuple[tuple[str, ...], Array]]:
+def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[AttitudeReading]:
     """Attitudes of Euler angles in each other sequence and unit, with what they change."""
     if sensor.angles is None:
         return []
@@ -227,7 +234,7 @@ def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> 
         )
         if changes:
             text = f"{','.join(names)}:{used}:{sequence}:{direction}"
-            out.append((changes, convert_attitude("euler", text, sensor.angles)))
+            out.append(AttitudeReading(changes, convert_attitude("euler", text, sensor.angles)))
     return out
 
 
@@ -248,10 +255,10 @@ def _check_agreement(
             said.append(f"the calibration may start nearer: {best.sentence}")
         return
     late_s = LATE * streams.sample_s
-    if best is not None and kind == "turn" and best.count == 1 and 0 < abs(best.offset_s) <= late_s and not mapping.unchecked:
+    if best is not None and kind == "named" and best.count == 1 and 0 < abs(best.offset_s) <= late_s and not mapping.unchecked:
         said.append(f"{found.sentence}; an offset as small as this is not undone")
         return
-    if kind != "turn" and (kind != "alignment" or windows.is_coarse):
+    if kind != "named" and (kind != "alignment" or windows.is_coarse):
         try:
             gyro, _, chosen = _estimate_gyro(streams, mapping, rates, body, windows, [])
             missed = compute_largest_miss(gyro, body, chosen)
@@ -318,9 +325,7 @@ def _exchange_direction(text: str) -> str:
     return ":".join("-to-".join(word.split("-to-")[::-1]) if word in ATTITUDE_DIRECTIONS else word for word in words)
 
 
-def _list_warnings(
-    found: Agreement, mapping: Mapping, G: Array, near: Alignment | None, gyro: GyroStream, has_rest: bool
-) -> list[str]:
+def _list_warnings(found: Agreement, mapping: Mapping, near: Alignment | None, gyro: GyroStream, has_rest: bool) -> list[str]:
     """List implausible values, which are shown first."""
     out = []
     if found.residual > FITS:
@@ -329,10 +334,6 @@ def _list_warnings(
         out.append(
             f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"
         )
-    if mapping.mounting != "as given" and mapping.axes is None and mapping.G is None:
-        angle = float(Rotation.from_matrix(G).magnitude())
-        if angle > LARGEST_PLAUSIBLE_TURN:
-            out.append(f"the gyro's frame is turned by {np.rad2deg(angle):.0f} deg: are the signs of its axes as stated?")
     if has_rest and near is not None and mapping.bias_deg_s is None:
         off = float(np.linalg.norm(near.bias - gyro.apriori_bias))
         speed = float(np.sqrt(np.mean(np.sum(np.square(gyro.rates + gyro.apriori_bias), axis=1))))

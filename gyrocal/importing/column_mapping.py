@@ -24,6 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.spatial.transform import Rotation
 
 from gyrocal.arrays import Array
 from gyrocal.errors import InputError
@@ -152,8 +153,6 @@ class Mapping(BaseModel):
             raise InputError(f"mounting_sigma_deg: no mounting of {', '.join(unknown)} is stated; one not stated is estimated")
         if not stated:
             return {}
-        from scipy.spatial.transform import Rotation  # late, as below: a refused table does without
-
         prior = {name: np.deg2rad(sigma) for name, sigma in sigmas.items()}
         return {name: (np.asarray(Rotation.from_quat(q).as_matrix().T), prior.get(name)) for name, q in stated.items()}
 
@@ -274,8 +273,6 @@ def is_scalar_first(names: list[str], words: list[str]) -> bool:
 def convert_attitude(kind: str, text: str, values: Array) -> Array:
     """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `parse_spec` has named."""
     names, words = parse_spec(text, kind)
-    from scipy.spatial.transform import Rotation
-
     inverse = [ATTITUDE_DIRECTIONS[word] for word in words if word in ATTITUDE_DIRECTIONS]
     if len(inverse) != 1:
         raise InputError(f"{kind}: {text!r} must say one direction: {', '.join(ATTITUDE_DIRECTIONS)}")

@@ -10,9 +10,10 @@ import re
 
 import pandas as pd
 
+from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, PLACE, QUATERNION_ORDERS, Mapping, find_name
-from gyrocal.importing.units import ANGLE_UNITS, COUNTS_UNIT, INCREMENT_UNITS, RATE_UNITS, TIME_WORDS
+from gyrocal.importing.units import COUNTS_UNIT, INCREMENT_UNITS, TIME_WORDS
 
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
 MAPPING_WORDS = {

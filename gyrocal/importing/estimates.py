@@ -78,7 +78,7 @@ def _estimate_bias_of_turns(rates: Array, joined: BodyAttitudes, streams: Stream
     try:
         for _ in range(BIAS_STEPS):
             gyro = replace(gyro, apriori_bias=bias)
-            theta, _, run = compute_misses(gyro, joined.t_s, joined.q, pairs)
+            theta, _, run = propagate_pairs(gyro, joined.t_s, joined.q, pairs)
             left = float(np.median(np.linalg.norm(theta, axis=1)))
             bias = bias - np.linalg.lstsq(run.Theta[:, :, 9:].reshape(-1, 3), theta.ravel(), rcond=None)[0]
     except InputError:
@@ -198,7 +198,7 @@ def _list_pairs(gyro: GyroStream, t_ref: Array, chosen: list[Indices]) -> list[t
 
 def compute_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Turns:
     """Turns between two attitudes (m, 4) of the body each, with their derivatives by G, the bias and the time of the gyro."""
-    miss, prepared, run = compute_misses(gyro, t_s, q, pairs)
+    miss, prepared, run = propagate_pairs(gyro, t_s, q, pairs)
     ends = np.array(pairs)
     follows = np.append(False, ends[1:, 0] == ends[:-1, 1])
     shift = _compute_rate_changes(gyro, t_s[ends], run.R, prepared.elapsed_s, follows)
@@ -212,7 +212,7 @@ def compute_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int,
     return Turns(miss, columns, run.R, noise_s, shared_s, follows)
 
 
-def compute_misses(
+def propagate_pairs(
     gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]
 ) -> tuple[Array, Measurements, Propagation]:
     """Compute by how much the gyro, from one attitude of each pair, misses the other (n, 3), rad; arcs; propagation."""
@@ -254,7 +254,7 @@ def compute_largest_miss(gyro: GyroStream, joined: BodyAttitudes, chosen: list[I
     pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_ARRIVALS:
         return np.inf
-    theta, *_ = compute_misses(gyro, joined.t_s, joined.q, pairs)
+    theta, *_ = propagate_pairs(gyro, joined.t_s, joined.q, pairs)
     return float(np.linalg.norm(theta, axis=1).max())
 
 

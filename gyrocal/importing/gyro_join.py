@@ -65,24 +65,7 @@ class JoinedGyros:
         if ratio[worst] > MOST_NOISES and left < MOST_REST_SHARE * total / free:
             how = f"by {np.rad2deg(rms[worst]):.3g} deg/s RMS, {ratio[worst]:.3g} times its noise"
             return f"gyro {self.names[worst]} does not agree with the others, {how}: leave it out with --gyros {others}"
-        beyond = float(np.nanmax(self._compute_remainder() / (self.spread * unit)))
-        if not beyond > MOST_NOISES:
-            return ""
-        return (
-            f"the gyros do not agree: beside constant errors of scale, axis and bias they differ by {beyond:.3g} times their "
-            f"noise; if you suspect one, leave it out, such as with --gyros {others}"
-        )
-
-    def _compute_remainder(self) -> Array:
-        """RMS (k,) of the parity residuals beside a constant and what is proportional to the rates; NaN where not known."""
-        told = np.isfinite(self.residuals).any(axis=0)
-        rows = np.isfinite(self.residuals[:, told]).all(axis=1)
-        known = np.column_stack([np.ones(int(rows.sum())), self.rates[rows]])
-        values = self.residuals[np.ix_(rows, told)]
-        known = known / np.maximum(np.linalg.norm(known, axis=0), np.finfo(float).tiny)
-        out = np.full(len(self.names), np.nan)
-        out[told] = np.sqrt(np.mean(np.square(values - known @ np.linalg.lstsq(known, values)[0]), axis=0))
-        return out
+        return ""
 
     def _summarise(self, unit: float) -> tuple[Array, Array, Array]:
         """Mean and RMS of the parity residuals (k,), rad/s, and the RMS in units of their noise; NaN where not known."""

@@ -17,9 +17,9 @@ from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
 from gyrocal.importing.gyro_join import JoinedGyros, join_gyros, measure_all_directions
-from gyrocal.importing.held_readings import find_held_readings
 from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
+from gyrocal.masking.held_readings import find_held_readings
 
 TAG_NAMES = ("seconds (time)", "rest (time)")  # of the tags of rows that are arranged by gyro
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
@@ -28,10 +28,6 @@ MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
 MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
 MOST_LABELS = 16  # values of a column that says which gyro a row is of
 WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
-OVERFLOW_JUMP = 0.75  # of the span of a gyro's readings: a smaller step is none of an overflow
-MOST_OTHER_STEP = 0.25  # of that span: 99 % of the other steps are smaller where readings overflow
-OVERFLOW_COUNTS = 2.0**16  # readings of a rate are numbers of 16 bits
-FEWEST_OVERFLOWS = 4
 
 
 class GyroRows(NamedTuple):
@@ -275,7 +271,8 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping, said: list[str])
             said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
         said.append("rates are differences of accumulated angles")
         return t_s[:-1][whole], rates, sample_s
-    raw = _undo_overflows(raw, mapping.wrap, said)
+    if mapping.wrap is not None:
+        raw = _undo_overflows(raw, mapping.wrap, said)
     if mapping.gyro_unit.endswith(units.PER_SAMPLE):
         # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
         raw = raw / sample_s
@@ -332,50 +329,18 @@ def _unwrap_steps(step: Array, wrap: float | None, said: list[str]) -> Array:
     return step - wrap * np.round(step / wrap)
 
 
-def _undo_overflows(raw: Array, full_range: float | None, said: list[str]) -> Array:
-    """Rates (n, k) without the jumps by a full range where their numbers overflow."""
+def _undo_overflows(raw: Array, full_range: float, said: list[str]) -> Array:
+    """Rates (n, k) without the jumps by their full range where their numbers overflow."""
     out = raw.copy()
     for k, x in enumerate(raw.T):
-        size, words = (full_range, "") if full_range is not None else _find_full_range(x)
-        turns = np.nan_to_num(np.round(np.diff(x) / size))
+        turns = np.nan_to_num(np.round(np.diff(x) / full_range))
         if not turns.any():
             continue
         level = -np.append(0.0, np.cumsum(turns))
-        level -= min(np.unique(level), key=lambda base: float(np.nanmean(np.square(x + size * (level - base)))))
-        out[:, k] += size * level
+        level -= min(np.unique(level), key=lambda base: float(np.nanmean(np.square(x + full_range * (level - base)))))
+        out[:, k] += full_range * level
         said.append(
-            f"the readings of gyro {k + 1} jump {np.count_nonzero(turns)} time(s) by their full range of {size:.9g}{words} "
+            f"the readings of gyro {k + 1} jump {np.count_nonzero(turns)} time(s) by their full range of {full_range:.9g} "
             f"between two samples, as numbers that overflow: {np.count_nonzero(level)} rows are moved by it"
         )
     return out
-
-
-def _find_full_range(x: Array) -> tuple[float, str]:
-    """The full range of readings (n,) that overflow, infinite where none do, and how it is known where that is uncertain.
-
-    A jump less the step that a cubic through its neighbours has is the full range. Readings that are whole numbers of a count
-    give it as 2^16 counts without an error.
-    """
-    x = x[np.isfinite(x)]
-    steps, span = np.diff(x), float(np.ptp(x)) if x.size else 0.0
-    jump = np.abs(steps) > OVERFLOW_JUMP * span
-    at = np.flatnonzero(jump)
-    at = at[(at >= 2) & (at < steps.size - 2) & ~jump[np.clip(at[:, None] + [-2, -1, 1, 2], 0, jump.size - 1)].any(axis=1)]
-    if not at.size or np.quantile(np.abs(steps[~jump]), 0.99) > MOST_OTHER_STEP * span:
-        return np.inf, ""
-    smooth = (4 * (steps[at - 1] + steps[at + 1]) - steps[at - 2] - steps[at + 2]) / 6
-    sizes = np.abs(steps[at] - smooth)
-    size = float(np.median(sizes))
-    count = float(np.diff(np.unique(x)).min())
-    if abs(size / (OVERFLOW_COUNTS * count) - 1) < WRAP_TOLERANCE:
-        since = x - x[0]
-        for most in np.geomspace(100, OVERFLOW_COUNTS, 4):
-            near = since[np.abs(since) < most * count]
-            number = np.round(near / count)
-            count = float(near @ number / max(number @ number, 1.0)) or count
-        return OVERFLOW_COUNTS * count, ""
-    # A rate that grows jumps down, which neither a step of the rate nor a shock does.
-    opposite = smooth * steps[at] < 0
-    if at.size < max(FEWEST_OVERFLOWS, jump.sum() / 2) or not opposite.all() or np.ptp(sizes) > WRAP_TOLERANCE * size:
-        return np.inf, ""
-    return size, " (by the jumps)"

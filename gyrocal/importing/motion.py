@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.arrays import Array
 
-QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
 WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
 MOST_WINDOWS = 4000
 GYRO_GAP_SAMPLES = 3.0  # samples, beyond which the gyro's rate is not known
+HALF = 0.5  # of the misfit's square, whose shortest time is said
+FEWEST_BIAS_WINDOWS = 8  # to tell a bias from other errors
+MOST_LEFT_BY_BIAS = 0.1  # of the misfit's square: a step of the bias leaves more, unless it is near an end
 MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
 
 
@@ -64,20 +66,22 @@ class Motion:
         sample_s = float(np.median(steps))
         return sample_s, np.append(0.0, np.cumsum(np.where(steps > GYRO_GAP_SAMPLES * sample_s, steps, 0.0)))
 
-    def attitudes(
-        self, order: tuple[int, ...] = QUATERNION_INDICES, reverse: bool = False, reversed_before: bool = False
-    ) -> Array:
-        """Mean body rates (n, 3) of the attitudes, with the elements of the quaternions in another order on file, or reversed.
-
-        reversed_before: whether the quaternions on file have been conjugated to be these
-        """
-        conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
-        turned = Rotation.from_quat((self.q * conjugate)[:, order] * conjugate)
+    def attitudes(self, reverse: bool = False) -> Array:
+        """Mean body rates (n, 3) of the attitudes, or of those of the other direction."""
+        turned = Rotation.from_quat(self.q)
         if reverse:
             turned = turned.inv()
         # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
         body = turned[self.rows[:, 0]].inv() * turned[self.rows[:, 1]]
         return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
+
+    def move_tags(self, offset_s: float, factor: float, accumulated: bool) -> Motion | None:
+        """Windows with an offset added to the attitudes' tags and the gyro's tags times a factor about the first.
+
+        accumulated: whether the rates are differences of an angle, which the factor does not change
+        """
+        edges = self.t_s[0] + factor * (self.t_s - self.t_s[0])
+        return build_windows(edges, self.angle if accumulated else factor * self.angle, self.t_ref + offset_s, self.q)
 
 
 def integrate_rates(t_s: Array, rates: Array, sample_s: float) -> tuple[Array, Array]:
@@ -97,12 +101,19 @@ def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple
 
 
 def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
+    """Windows of rates (n, 3), rad/s, and attitudes, as `build_windows` chooses them.
+
+    t_s: (n,) tags of the gyro, s
+    """
+    return build_windows(*integrate_rates(t_s, rates, sample_s), t_ref, q, count)
+
+
+def build_windows(edges: Array, angle: Array, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
     """Windows over what both sides cover; None if there are too few.
 
-    t_s (n,) and rates (n, 3) rad/s are of the gyro, t_ref (m,) and q (m, 4), inertial to body, of the attitudes. There are
+    edges (n,) s and angle (n, 3) rad are of the gyro, t_ref (m,) and q (m, 4), inertial to body, of the attitudes. There are
     count windows side by side, or as many as let none turn by more than `MOST_WINDOW_TURN`.
     """
-    edges, angle = integrate_rates(t_s, rates, sample_s)
     inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
     if inside.size < 4:
         return None
@@ -119,3 +130,31 @@ def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Arr
     chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
     rows = np.stack([first[chosen], last[chosen]], axis=1)
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)
+
+
+def locate_misfit(windows: Motion) -> str:
+    """The shortest stretch of time with half of the misfit's square, in words."""
+    gyro, inside = windows.gyro()
+    e = (windows.attitudes() - gyro)[inside]
+    start, stop = windows.start_s[inside], windows.stop_s[inside]
+    square = np.sum(np.square(e - np.median(e, axis=0)), axis=1)
+    if not square.sum() > 0:
+        return ""
+    total = np.concatenate([[0.0], np.cumsum(square)]) / square.sum()
+    ends = np.minimum(np.searchsorted(total, total[:-1] + HALF), square.size)
+    good = total[ends] >= total[:-1] + HALF - 1e-9
+    length = np.where(good, stop[np.maximum(ends - 1, 0)] - start, np.inf)
+    k = int(np.argmin(length))
+    first, last = float(start[k]), float(stop[max(ends[k] - 1, 0)])
+    whole = float(stop[-1] - start[0])
+    return f"half of the misfit lies between {first:.6g} and {last:.6g} s, {100 * (last - first) / whole:.0f} % of the time"
+
+
+def estimate_constant_bias(windows: Motion) -> Array | None:
+    """The bias (3,), rad/s, that the rates lack, if a constant one explains most of the misfit."""
+    gyro, inside = windows.gyro()
+    e = (windows.attitudes() - gyro)[inside]
+    bias = e.mean(axis=0)
+    if len(e) < FEWEST_BIAS_WINDOWS or not np.sum(np.square(e - bias)) <= MOST_LEFT_BY_BIAS * np.sum(np.square(e)):
+        return None
+    return np.asarray(bias)

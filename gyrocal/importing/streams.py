@@ -19,6 +19,7 @@ from gyrocal.importing.gyro_join import JoinedGyros
 from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
 from gyrocal.importing.table_layout import NOT_A_NUMBER, find_layout, open_table
 from gyrocal.importing.table_rows import read_labels, read_rows, sort_rows
+from gyrocal.masking.lost_references import leave_out_lost_references
 from gyrocal.recording.tables import read_csv_file
 
 if TYPE_CHECKING:
@@ -92,33 +93,31 @@ def read_csv(path: Path) -> pd.DataFrame:
                 header=None,
                 names=layout.names,
             )
-        frame, lost = _read_mixed_columns(frame, layout.decimal)
+        frame = _read_not_a_number(frame, layout.decimal)
     except InputError:
         raise
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
         raise InputError(f"{path}: no rows")
-    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in (*layout.said, *lost))
+    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
     frame.attrs["head"] = (layout.first_line, str(path))
     return frame
 
 
-def _read_mixed_columns(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, list[str]]:
-    """The table without rows that repeat the header, words for not-a-number in any spelling as such, and what is said."""
-    mixed = [name for name in frame.columns if not pd.api.types.is_numeric_dtype(frame[name])]
-    if not mixed:
-        return frame, []
-    words = frame[mixed].astype(str).apply(lambda column: column.str.strip())
-    again = (words == mixed).all(axis=1) & (len(mixed) == frame.shape[1])  # as in files that were joined
-    frame, words = frame[~again].copy(), words[~again]
-    for name in mixed:
-        lost = words[name].str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
-        if lost.any() or again.any():
-            plain = words[name].mask(lost)
-            numbers = pd.to_numeric(plain.str.replace(decimal, "."), errors="coerce")
-            frame[name] = numbers if numbers.notna().sum() == plain.notna().sum() else frame[name]
-    return frame, [f"{again.sum()} row(s) repeat the header and are left out"] if again.any() else []
+def _read_not_a_number(frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
+    """The table with words for not-a-number, in any spelling, as such."""
+    frame = frame.copy()
+    for name in frame.columns:
+        if pd.api.types.is_numeric_dtype(frame[name]):
+            continue
+        words = frame[name].astype(str).str.strip()
+        lost = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
+        plain = words.mask(lost)
+        numbers = pd.to_numeric(plain.str.replace(decimal, "."), errors="coerce")
+        if lost.any() and numbers.notna().sum() == plain.notna().sum():
+            frame[name] = numbers
+    return frame
 
 
 def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame | None, mapping: Mapping) -> Streams:
@@ -126,8 +125,6 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame | None, mapping: Map
 
     An `InputError` if a column is missing or does not hold what the mapping says.
     """
-    from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
-
     tables = () if attitude is None else (gyro, attitude)
     said = list(dict.fromkeys(text for table in tables for text in table.attrs.get("said", ())))
     rows = read_gyro_rows(gyro, mapping, said)
@@ -247,14 +244,13 @@ def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> list[un
     if len({one.scale for one in clocks}) == 1:
         return clocks
     gyro, *others = clocks
-    for what, one in zip(("time", *["attitude_time"] * len(others)), clocks, strict=True):
-        units.expect_date(one, what)
     if all(one.scale for one in clocks):
         return [units.convert_to_utc(one) for one in clocks]
     if len({one.scale == "" for one in others}) > 1 or not offset_s:
         apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
         raise InputError(
-            "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
+            "time: one table has dates and the other seconds from an unknown start, unless its unit is ms, us or ns of unix "
+            "time; give both the same kind, or the "
             f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
             "--align auto finds the offset"
         )

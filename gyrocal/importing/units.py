@@ -11,12 +11,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
-from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.mask_runs import find_mask_runs
@@ -25,16 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-DEGREE = float(np.deg2rad(1.0))
-ANGLE_UNITS = {"rad": 1.0, "deg": DEGREE, "arcsec": DEGREE / 3600}
-RATE_UNITS = {
-    "rad/s": 1.0,
-    "deg/s": DEGREE,
-    "deg/h": DEGREE / 3600,
-    "mrad/s": 1e-3,
-    "mdeg/s": 1e-3 * DEGREE,
-    "arcsec/s": DEGREE / 3600,
-}
 PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
 INCREMENT_UNITS = {unit + PER_SAMPLE: size for unit, size in ANGLE_UNITS.items()}
 COUNTS_UNIT = "counts"
@@ -100,21 +90,6 @@ def convert_to_second(date: datetime, scale: str) -> int:
     return (date - {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale]) // timedelta(seconds=1)
 
 
-def expect_date(clock: Clock, what: str) -> None:
-    """Refuse tags without a date that would have one in another unit."""
-    if clock.scale:
-        return
-    first, (low, high) = clock.whole[0], UNIX_RANGE_S
-    for by, words in ((1e3, "1000 times finer (ms for s, us for ms)"), (1e6, "10^6 times finer"), (1e9, "10^9 times finer")):
-        found = ""
-        if low <= first / by <= high:
-            found = f"it is unix time if its unit is {words}; if it counts from another start"
-        elif low <= first * by <= high:
-            found = f"is its unit too fine by {by:g}? If it counts from another start"
-        if found:
-            raise InputError(f"{what}: the first tag, {first} s, is no date; {found}, --align auto finds the offset")
-
-
 def convert_to_utc(clock: Clock) -> Clock:
     """GPS tags as UTC ones; UTC ones as they are."""
     if clock.scale == "UTC":
@@ -137,10 +112,6 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     for one in units:
         if one not in TIME_WORDS and SCALED_UNIT.fullmatch(one) is None:
             raise InputError(f"time: unit {one} of {name} is not known; known are {', '.join(TIME_WORDS)}, 100us")
-    summed = ""
-    if len(units) == 1 and len(values) == 2:
-        units.append(_guess_second_unit(values[1], name, unit))
-        summed = f"are the sums of {' and '.join(f'{one} in {by}' for one, by in zip(columns.columns, units, strict=True))}"
     if len(units) != len(values) or "iso" in units:
         raise InputError(f"time: {len(values)} column(s) {name}, but unit {unit}; give one for each, as in secs,nsecs:s+ns")
     scale = next((SCALES[one] for one in units if one in SCALES), "")
@@ -154,20 +125,7 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     made = _split_seconds(tags, TIME_UNITS[factor[2] if factor else units[0]], scale)
     counts_days = factor is not None and factor[2] == "s"  # from 1900 in spreadsheets, which is unix time of 2090
     calendar = not scale and not counts_days and UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
-    return replace(made, scale="UTC" if calendar else scale, said=" and ".join(filter(None, (summed, said))))
-
-
-def _guess_second_unit(values: NDArray[np.generic], name: str, unit: str) -> str:
-    """The unit of a column beside whole seconds, by the range of its whole numbers."""
-    most = int(values.max())
-    if unit in ("s", "unix", "gps") and np.issubdtype(values.dtype, np.integer) and values.min() >= 0:
-        for part in ("ms", "us", "ns"):
-            if 0.1 <= most / 10 ** TIME_UNITS[part] < 1:
-                return part
-    names = name.replace(", ", ",")
-    raise InputError(
-        f"time: in which unit is the second of {name}? give one for each, e.g. --time {quote(f'{names}:{unit}+ns')}"
-    )
+    return replace(made, scale="UTC" if calendar else scale, said=said)
 
 
 def _count_nanoseconds(values: NDArray[np.generic], unit: str, name: str) -> NDArray[np.int64]:

@@ -2,7 +2,12 @@
 
 - `mask`: the list of such stretches and the recording without them.
 - `gyro_faults`: gyros that are clipped or that stop.
-- `reference_faults`: reference attitudes that freeze or jump.
+- `reference_faults`: reference attitudes that freeze or jump, by the innovations of a recording.
+
+On tables that are not yet a recording, the import leaves out single rows:
+
+- `held_readings`: readings that a firmware holds at rest.
+- `lost_references`: zeros and the identity in place of an attitude, and rows that repeat one, in any mounting of the sensor.
 """
 
 from collections.abc import Sequence

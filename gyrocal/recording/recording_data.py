@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,11 +14,10 @@ from gyrocal.errors import InputError
 from gyrocal.recording import checks
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
 from gyrocal.recording.sensor_tables import SensorTables
-from gyrocal.recording.tables import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS, build_frames
+from gyrocal.recording.tables import build_frames
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray
 
 ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one further off is wrong
 MOST_REPR_LINES = 15  # of a repr, at most
@@ -102,38 +101,6 @@ class Recording:
             intervals=whole if intervals is None else tuple(intervals),
         )
 
-    @classmethod
-    def from_frame(cls, gyro: pd.DataFrame, attitude: pd.DataFrame, *, arw_deg_per_sqrt_s: float, **options: Any) -> Recording:
-        """A recording of two tables with the columns of the files, in degrees.
-
-        An `InputError` if a column is missing, or the recording would not be valid.
-
-        Parameters
-        ----------
-        gyro : t_s, rate_x_deg_s … z
-        attitude : t_s, q1 … q4, sigma_x_deg … z
-        arw_deg_per_sqrt_s : angle random walk
-        options : bias_deg_s, and what else `from_arrays` takes by name
-        """
-        for name, table, needed in (
-            ("gyro", gyro, ("t_s", *RATE_COLUMNS)),
-            ("attitude", attitude, ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS)),
-        ):
-            missing = [column for column in needed if column not in table.columns]
-            if missing:
-                raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, table.columns))}")
-        if "bias_deg_s" in options:
-            options["bias"] = np.deg2rad(np.asarray(options.pop("bias_deg_s"), dtype=np.float64))
-        return cls.from_arrays(
-            gyro["t_s"].to_numpy(),
-            np.deg2rad(gyro[list(RATE_COLUMNS)].to_numpy(dtype=np.float64)),
-            attitude["t_s"].to_numpy(),
-            attitude[list(QUATERNION_COLUMNS)].to_numpy(),
-            sigma=np.deg2rad(attitude[list(SIGMA_COLUMNS)].to_numpy(dtype=np.float64)),
-            arw=float(np.deg2rad(arw_deg_per_sqrt_s)),
-            **options,
-        )
-
     def to_frame(self, table: str = "gyro") -> pd.DataFrame:
         """The table "gyro", "attitude" or another one of the recording, with the columns of the files, in degrees.
 
@@ -143,41 +110,6 @@ class Recording:
         if table not in found:
             raise InputError(f"{table}: no such table; there are {', '.join(found)}")
         return found[table].copy()
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Rates, references and intervals as one labelled data set, in degrees; an `InputError` without xarray."""
-        try:
-            import xarray
-        except ImportError:
-            raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
-        gyro, attitudes = self.gyro, self.attitudes
-        seconds, deg_s = {"units": "s"}, {"units": "deg/s"}
-        return xarray.Dataset(
-            {
-                "rate_deg_s": (("t_s", "gyro"), gyro.rates_deg_s, deg_s),
-                "quaternion": (("reference_t_s", "element"), attitudes.quaternions, {"maps": "inertial to body, scalar last"}),
-                "sigma_deg": (("reference_t_s", "body"), attitudes.sigma_deg, {"units": "deg"}),
-                "apriori_G": (("body", "gyro"), gyro.apriori_G),
-                "apriori_bias_deg_s": ("body", gyro.apriori_bias_deg_s, deg_s),
-                "start_s": ("interval", [one.start_s for one in self.intervals], seconds),
-                "stop_s": ("interval", [one.stop_s for one in self.intervals], seconds),
-            },
-            {
-                "t_s": ("t_s", gyro.t_s, seconds),
-                "reference_t_s": ("reference_t_s", attitudes.t_s, seconds),
-                "gyro": list("xyz"),
-                "body": list("xyz"),
-                "element": list(QUATERNION_COLUMNS),
-                "interval": [one.name for one in self.intervals],
-            },
-            {
-                "title": self.title,
-                "epoch": self.epoch,
-                "time_scale": self.time_scale,
-                "sample_s": gyro.sample_s,
-                "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
-            },
-        )
 
     def _list_facts(self) -> list[tuple[str, str]]:
         """List the facts of a recording, a row for each quantity."""

@@ -6,7 +6,6 @@ from typing import Any
 
 import click
 
-from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, load
 from studies.cli.options import GYRO_TABLE_OPTIONS, PATH, add_json_option, add_options, add_output_option, write_result
@@ -60,6 +59,8 @@ def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
                 f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given)}: for a CSV table; {path} is none"
             )
         return load(path, without_references=True)
+
+    from gyrocal import importing
 
     file = given.pop("file", None)
     loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)

@@ -11,8 +11,8 @@ import numpy as np
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.parameters import GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.importing import read_estimated_noise, read_import_warnings
 from gyrocal.recording import Recording, load
+from gyrocal.recording.import_notes import read_estimated_noise, read_import_warnings
 from studies.cli.options import (
     EXCLUDE,
     PAGE,

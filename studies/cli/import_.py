@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import save
 from studies.cli import import_formats
@@ -63,6 +62,8 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
         raise InputError("give GYRO.csv, ATTITUDE.csv and the folder OUT, or one table with both and OUT")
     *tables, out = files
     refuse_existing(out, force)
+    from gyrocal import importing
+
     entries = importing.load_mapping(file) if file else {}
     mapping = importing.validate_mapping(entries | collect_entries(options), str(file) if file else "options")
     write_import(importing.import_csv(*tables, mapping=mapping), out, as_json)

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gyrocal import importing
-from gyrocal.importing import aem
-from gyrocal.importing.units import RATE_UNITS
+from gyrocal.angle_units import RATE_UNITS
 from studies.cli.options import (
     EXCLUDE,
     FOLDER_TYPE,
@@ -28,7 +26,8 @@ from studies.report.console import make_console
 if TYPE_CHECKING:
     import pandas as pd
 
-    from gyrocal.importing.build import ImportResult
+    from gyrocal.importing import ImportResult
+    from gyrocal.importing.aem import Aem
     from gyrocal.recording import Recording
 
 OUT = click.argument("out", type=FOLDER_TYPE)
@@ -164,19 +163,23 @@ def show(
 
 def write_import(imported: ImportResult, out: Path, as_json: Path | None) -> None:
     """Write what was imported, and say what was made."""
+    from gyrocal import importing
+
     importing.write(imported, out)
     show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
 
-def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any]) -> None:
+def _join_gyro_and_attitudes(gyro_file: Path, read: Aem, out: Path, given: dict[str, Any]) -> None:
     """Import a gyro's table and attitudes of a message."""
+    from gyrocal import importing
+    from gyrocal.importing import aem
+    from gyrocal.importing.streams import read_csv
+
     attitude, entries = aem.tabulate_attitudes(read)
     file, as_json = given.pop("file"), given.pop("as_json")
     own = importing.load_mapping(file) if file else {}
     entries = {"title": read.title} | own | entries | collect_entries(given)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
-    from gyrocal.importing.streams import read_csv  # late, since it loads pandas
-
     write_import(importing.import_tables(read_csv(gyro_file), attitude, mapping), out, as_json)
 
 
@@ -193,6 +196,8 @@ def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, *
       gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
+    from gyrocal.importing import aem
+
     _join_gyro_and_attitudes(gyro_file, aem.read_aem(message), out, options)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.parameters import NAMES, SCALE_FACTORS, GyroParameters, select
@@ -18,7 +19,6 @@ from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAINDER
 from gyrocal.calibration.result import DEGREES, CalibrationResult
 from gyrocal.errors import InputError
-from gyrocal.importing.units import ANGLE_UNITS, RATE_UNITS
 from studies.report import tables
 from studies.report.junit import Verdict
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section

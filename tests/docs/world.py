@@ -1,5 +1,6 @@
 """What stands behind the names of a reader's own files in the docs: one small log in every format, and coarse scenarios."""
 
+import contextlib
 import re
 import shutil
 
@@ -8,9 +9,9 @@ import pandas as pd
 from click.testing import CliRunner
 
 from studies.cli.main import main
-from studies.validation.mems_log import log
 from tests.docs.blocks import blocks
 from tests.gyrocal.importing import mems
+from tests.gyrocal.importing.mems_log import log
 
 COARSE = "[gyro]\nsample_s = 5.0\n"
 SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'
@@ -77,5 +78,6 @@ def make(folder):
         ("broad", "validation", 0, "path"),
     ):
         found = {}
-        exec(blocks(f"docs/{page}.md", "python")[number], found)
+        with contextlib.chdir(folder):
+            exec(blocks(f"docs/{page}.md", "python")[number], found)
         shutil.move(found[name], folder / NAMES.get(format_name, found[name].name))

@@ -12,6 +12,7 @@ import pytest
         ("gyrocal, simulator", ("pandas", "pyarrow", "matplotlib")),
         ("gyrocal", ("numpy", "scipy", "numba", "importlib.metadata")),
         ("studies.report.calibration, gyrocal.estimation.held_out", ("gyrocal.public", "gyrocal.estimation.mekf")),
+        ("studies.cli.calibrate, studies.cli.import_, studies.cli.allan", ("gyrocal.importing", "pandas", "scipy.signal")),
     ],
 )
 def test_what_is_heavy_is_loaded_when_it_is_used(packages, heavy):

@@ -6,9 +6,9 @@ import pandas as pd
 import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import validate_mapping
-from gyrocal.importing.build import build
+from gyrocal.importing.build import import_streams
 from gyrocal.importing.streams import read_streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 
 EPOCH = "2023-11-14T22:13:20.123Z"
 OPTIONS = ("--time", "time:iso", "--gyro", "gx,gy,gz:deg/s")
@@ -101,7 +101,7 @@ def find_refusal(data, changes):
     """The error that a mapping with changes ends in; empty if it is taken."""
     mapping = validate_mapping(CORRECT_MAPPING | changes, "mapping")
     try:
-        build(read_streams(data.gyro, data.attitude, mapping), mapping)
+        import_streams(read_streams(data.gyro, data.attitude, mapping), mapping)
     except InputError as error:
         return str(error)
     return ""

@@ -1,5 +1,6 @@
-"""Time offset, clock, direction, mounting and factor are found with their sigmas, and faults of a misfit are named."""
+"""Time offset, clock, direction, mounting and factor are found with their sigmas, and a misfit is located."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,13 @@ from scipy.stats import chi2
 
 import gyrocal
 import simulator
-from gyrocal.importing import misfit, validate_mapping
+from gyrocal.importing import motion, validate_mapping
 from gyrocal.importing.alignment import estimate_alignment, refine
-from gyrocal.importing.build import build
+from gyrocal.importing.build import import_streams
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.streams import read_streams
-from studies.validation import mems_log
 from tests.builders import choose_case_numbers
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 RATES = ["gx", "gy", "gz"]
@@ -70,11 +71,11 @@ def test_alignment_is_found_within_its_sigmas(logs):
 
 def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data):
     off = with_clock(data, 1.02, 1.7)
-    made = build(*read(off, align="auto"))
+    made = import_streams(*read(off, align="auto"))
     assert made.mapping.align == "as given"
     assert made.mapping.attitude_offset_s == pytest.approx(1.7, abs=0.01)
     assert any("± " in text and "which differs from zero" in text for text in made.assumed)
-    again = build(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
+    again = import_streams(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
     np.testing.assert_allclose(again.recording.attitudes.t_s, made.recording.attitudes.t_s, atol=1e-9)
     np.testing.assert_allclose(again.recording.gyro.t_s, made.recording.gyro.t_s, atol=1e-9)
     assert any("does not differ from zero" in text for text in again.assumed)
@@ -87,7 +88,7 @@ def test_temperatures_keep_the_times_of_their_rows(data):
     off, degrees = with_clock(data, 1.02, 1.7), np.arange(len(data.gyro)) / 100.0
     warm = {"warm": np.where(degrees % 0.03 < 0.015, degrees, np.nan)}
     gyro = off.gyro.assign(timestamp_ms=off.gyro["timestamp_ms"] - mems_log.UNIX_MS + 4.2e6, **warm)
-    recording = build(*read(replace(off, gyro=gyro), align="auto", temperature="warm")).recording
+    recording = import_streams(*read(replace(off, gyro=gyro), align="auto", temperature="warm")).recording
     found = recording.tables["housekeeping"]
     assert len(found) < 0.7 * len(degrees)
     t_s = np.interp(found["gyro_temperature_c"], degrees, recording.gyro.t_s)
@@ -113,20 +114,23 @@ def windows_of(data, change):
     return build_motion(streams.t_s, rates, streams.sample_s, one.t_s, one.q)
 
 
-@pytest.mark.parametrize(
-    ("kind", "change"),
-    [
-        ("bias", lambda w, t: w + 0.2),
-        ("scale", lambda w, t: 0.7 * w),
-        ("step", lambda w, t: w + 0.2 * (t > 35)[:, None]),
-        ("jump", lambda w, t: np.where((t > 30)[:, None], np.roll(w, 25, axis=0), w)),
-        ("clipping", lambda w, t: np.clip(w, [-9, -0.4, -9], [9, 0.4, 9])),
-    ],
-)
-def test_the_fault_that_explains_a_misfit_is_named(data, kind, change):
-    found = misfit.explain_misfit(windows_of(data, change))
-    assert found.kind == kind
-    assert (found.bias is None) == (kind != "bias")
+@pytest.mark.parametrize("from_s", [0.0, 12.0, 35.0])
+def test_a_constant_bias_is_told_from_a_step_of_it(data, from_s):
+    windows = windows_of(data, lambda w, t: w - 0.2 * (t >= from_s)[:, None])
+    bias = motion.estimate_constant_bias(windows)
+    if from_s > 0:
+        assert bias is None
+    else:
+        np.testing.assert_allclose(bias, 0.2, atol=0.01)
+
+
+def test_the_time_of_a_misfit_is_located(data):
+    windows = windows_of(data, lambda w, t: w + 0.2 * ((t > 30) & (t < 36))[:, None])
+    words = motion.locate_misfit(windows)
+    first, last = (float(one) for one in re.search(r"between (\S+) and (\S+) s", words).groups())
+    start = windows.t_s[0]
+    assert 29.5 < first - start < last - start < 36.5
+    assert last - first == pytest.approx(3.0, abs=0.5)
 
 
 def test_errors_of_the_gyro_are_no_time_offset():

@@ -12,9 +12,9 @@ import gyrocal
 from gyrocal import importing, rests
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing import estimates, validate_mapping
-from gyrocal.importing.build import build
+from gyrocal.importing.build import import_streams
 from gyrocal.importing.streams import Sensor, Streams, read_streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 
@@ -26,7 +26,7 @@ def data():
 @pytest.fixture(scope="module")
 def imported(data):
     mapping = validate_mapping(CORRECT_MAPPING, "mapping")
-    return build(read_streams(data.gyro, data.attitude, mapping), mapping)
+    return import_streams(read_streams(data.gyro, data.attitude, mapping), mapping)
 
 
 def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data):
@@ -47,10 +47,17 @@ def test_a_wrong_mapping_is_named_as_the_only_one_that_fits(data):
     assert message.endswith(f" % with {wanted}")
 
 
+@pytest.mark.parametrize("factor", [180 / np.pi, np.pi / 180])
+def test_a_column_with_another_unit_than_the_others_is_named(data, factor):
+    message = find_refusal(replace(data, gyro=data.gyro.assign(gz=factor * data.gyro["gz"])), {})
+    number, found = re.search(r"the rates of gyro (\d) alone times (\S+): its column has another unit", message).groups()
+    assert (number, float(found)) == ("3", pytest.approx(1 / factor, rel=0.05))
+
+
 def test_a_gap_ends_an_interval(data):
     mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
     holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
-    first, second = build(read_streams(holed, data.attitude, mapping), mapping).recording.intervals
+    first, second = import_streams(read_streams(holed, data.attitude, mapping), mapping).recording.intervals
     assert second.start_s - first.stop_s > 0.9
 
 
@@ -117,7 +124,7 @@ def import_four(mirror=1.0, walk=0.0, damage=None, **entries):
         damage(gyro)
     attitudes = pd.DataFrame({"t": t} | dict(zip("xyzw", body.as_quat().T, strict=True)))
     mapping = validate_mapping(FOUR | entries, "x")
-    return build(read_streams(gyro, attitudes, mapping), mapping), omega
+    return import_streams(read_streams(gyro, attitudes, mapping), mapping), omega
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
@@ -146,7 +153,7 @@ ENTRIES = CORRECT_MAPPING | {"attitude_by": "sensor", "spacing_s": 1.0}
 def test_two_trackers_are_joined_with_their_own_noise_and_mounting():
     sigma = np.deg2rad([[0.001, 0.002, 0.008], [0.002, 0.001, 0.01]])
     made, _ = trackers(np.random.default_rng(9), sigma)
-    found = build(made, validate_mapping(ENTRIES, "x"))
+    found = import_streams(made, validate_mapping(ENTRIES, "x"))
     references, joined = found.recording.attitudes, found.joined
     assert [one.name for one in joined.sensors] == ["one", "two"]
     second = joined.sensors[1]

@@ -7,8 +7,7 @@ import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import aem
 from gyrocal.importing.units import convert_to_utc
-from studies.validation import mems_log
-from tests.gyrocal.importing import mems
+from tests.gyrocal.importing import mems, mems_log
 
 HALF = np.sqrt(0.5)
 QUARTER = f"0 0 {HALF} {HALF}"  # frame B is frame A turned by +90 deg about z: A's x axis has the components (0, −1, 0) in B

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import ck
-from studies.validation import mems_log
 from tests.builders import piecewise_recording
-from tests.gyrocal.importing import mems
+from tests.gyrocal.importing import mems, mems_log
 from tests.gyrocal.importing.mems import INSTRUMENT, write_clock
 
 toolkit = pytest.importorskip("spiceypy")

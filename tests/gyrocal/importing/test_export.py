@@ -9,7 +9,7 @@ import pytest
 import simulator
 from gyrocal import InputError
 from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def imported():
     made = column_mapping.validate_mapping(
         {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-world", "title": 'a "log"'}, "here"
     )
-    return build.build(streams.read_streams(log.gyro, log.attitude, made), made).recording
+    return build.import_streams(streams.read_streams(log.gyro, log.attitude, made), made).recording
 
 
 def back(folder):

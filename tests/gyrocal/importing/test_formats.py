@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError
 from gyrocal.importing import euroc
-from studies.validation import mems_log
-from tests.gyrocal.importing import mems
+from tests.gyrocal.importing import mems, mems_log
 
 
 @pytest.fixture(scope="module")

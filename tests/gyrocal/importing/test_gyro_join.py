@@ -45,8 +45,6 @@ def test_parity_finds_the_gyro_that_is_biased_where_it_can():
     _, raw = draw(AXES[4])
     raw[:, 2] = 1.001 * raw[:, 2] + 10 * NOISE  # which a calibration finds, of joined rates as well
     assert join_gyros(raw, AXES[4]).find_disagreement(NOISE) == ""
-    raw[2000:, 2] += 20 * NOISE
-    assert "the gyros do not agree" in join_gyros(raw, AXES[4]).find_disagreement(NOISE)
 
 
 def test_a_row_without_a_gyro_uses_the_others():

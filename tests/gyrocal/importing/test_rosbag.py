@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import rosbag
-from studies.validation import mems_log
-from tests.gyrocal.importing import mems
+from tests.gyrocal.importing import mems, mems_log
 
 rosbags = pytest.importorskip("rosbags.highlevel")
 

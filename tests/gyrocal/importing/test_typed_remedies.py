@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import largest_error
 
 MOST_SIGMA = 5.0  # of twelve parameters

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import gyrocal
 from studies.cli.main import main
-from studies.validation import mems_log
+from tests.gyrocal.importing import mems_log
 from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 

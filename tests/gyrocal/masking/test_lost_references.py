@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.lost_references import leave_out_lost_references
+from gyrocal.masking.lost_references import leave_out_lost_references
 
 SAMPLE_S, RATE = 0.02, 0.6
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrocal.importing.held_readings import find_held_readings
+from gyrocal.masking.held_readings import find_held_readings
 
 BIAS = np.array([0.25, -0.15, 0.1])
 
