@@ -198,7 +198,7 @@ def _parse_xml(text: str, path: Path) -> tuple[str, list[Segment]]:
     for part in (part for segment in root.iter() if _name(segment) == "segment" for part in segment):
         if _name(part) == "metadata":
             leaves = [one for one in part if not len(one) and _name(one) != "COMMENT"]
-            meta = {_name(one): " ".join((one.text or "").split()) for one in leaves}
+            meta = {_name(leave): " ".join((leave.text or "").split()) for leave in leaves}
             if "QUATERNION_TYPE" in meta:  # of lines; here the elements have names
                 meta["QUATERNION_TYPE"] = "LAST"
         else:

@@ -198,12 +198,12 @@ def evaluate_agreement(
         pairs += aligned
     best, smallest = _choose(named, None, min(as_read, 2 * HOPELESS))
     if smallest > FITS:
-        best, smallest = _choose([one for pair in pairs for one in _list_numbers(pair, scales)], best, smallest)
+        best, smallest = _choose([number for pair in pairs for number in _list_numbers(pair, scales)], best, smallest)
     if smallest > FITS and G is not None:
         # Only with the tags of the best reading before: a free matrix beside other tags fits errors of both.
         offset_s = 0.0 if best is None else best.offset_s
         kept = [pair for pair in pairs if pair.tags.offset_s == offset_s and pair.tags.factor == 1]
-        best, _ = _choose([one for pair in kept for one in _list_free_axes(pair, scales, G)], best, smallest)
+        best, _ = _choose([axis for pair in kept for axis in _list_free_axes(pair, scales, G)], best, smallest)
     is_mended = best is not None and best.kind in ("named", "alignment")
     return Agreement(as_read, best, "" if is_mended else _describe_misfit(windows))
 
@@ -230,7 +230,7 @@ def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     missing = None if windows.is_coarse else estimate_constant_bias(windows)
     if missing is None:
         return f"{found.summary}; {_describe_misfit(windows)}" if not found.where else found.summary
-    longest = max(one.stop_s - one.start_s for one in recording.intervals)
+    longest = max(interval.stop_s - interval.start_s for interval in recording.intervals)
     if np.linalg.norm(missing) * longest < LARGE_DRIFT:
         return ""
     values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + missing))
@@ -259,7 +259,7 @@ def _evaluate_as_read(windows: Motion) -> float:
 
 
 def _find_least(readings: Sequence[Reading]) -> float:
-    return min((one.residual for one in readings), default=np.inf)
+    return min((reading.residual for reading in readings), default=np.inf)
 
 
 def _choose(readings: Sequence[Reading], before: Reading | None, residual: float) -> tuple[Reading | None, float]:
@@ -267,7 +267,7 @@ def _choose(readings: Sequence[Reading], before: Reading | None, residual: float
     least = _find_least(readings)
     if least > LARGEST_RESIDUAL_RATIO * residual:
         return before, residual
-    good = [one for one in readings if one.residual <= max(RESIDUAL_TIE_FACTOR * least, least + 0.02)]
+    good = [reading for reading in readings if reading.residual <= max(RESIDUAL_TIE_FACTOR * least, least + 0.02)]
     best = min(good, key=lambda one: (one.count, one.residual))
     is_tied = best.kind == "named" and sum(one.count == best.count for one in good) > 1
     return replace(best, is_tied=is_tied), best.residual
@@ -293,12 +293,12 @@ def _list_attitudes(given: AttitudeReading, order: str, reverse: bool) -> list[A
 def _align_tags(windows: Motion, attitudes: Sequence[AttitudeReading], accumulated: bool) -> list[Tags]:
     """Tags with an offset, and with an offset and a clock rate, where the reading that fits best shows these."""
     starts = search_starts(windows.t_s, windows.angle, windows.t_ref, windows.q)
-    moved = [Tags(made, *one) for one in starts if (made := windows.move_tags(*one, accumulated)) is not None]
+    moved = [Tags(made, *start) for start in starts if (made := windows.move_tags(*start, accumulated)) is not None]
     out = []
     for with_clock in (False, True):
         allowed = [one for one in moved if with_clock or one.factor == 1]
         candidates = [one._replace(windows=replace(one.windows, q=other.q)) for one, other in product(allowed, attitudes)]
-        nearest = min(candidates, key=lambda one: _compute_orthogonal_misfit(one.windows))
+        nearest = min(candidates, key=lambda candidate: _compute_orthogonal_misfit(candidate.windows))
         fit = refine(nearest.windows, reverse=False, with_clock=with_clock, mirrored=True)
         if fit is None:
             continue
@@ -325,7 +325,7 @@ def _pair_rates(tags: Tags, attitudes: Sequence[AttitudeReading]) -> list[RatePa
     if inside.sum() < FEWEST_RATE_WINDOWS:
         return []
     g = gyro[inside] - gyro[inside].mean(axis=0)
-    rates = [replace(tags.windows, q=one.q).attitudes()[inside] for one in attitudes]
+    rates = [replace(tags.windows, q=attitude.q).attitudes()[inside] for attitude in attitudes]
     return [RatePair(one.words, tags, r - r.mean(axis=0), g) for one, r in zip(attitudes, rates, strict=True)]
 
 

@@ -73,7 +73,7 @@ class ImportResult:
     def summary(self) -> pd.DataFrame:
         """Table of the recording made, a row a quantity, in degrees."""
         recording = self.recording
-        lengths = [one.stop_s - one.start_s for one in recording.intervals]
+        lengths = [interval.stop_s - interval.start_s for interval in recording.intervals]
         rows = [
             ("gyro samples", f"{recording.gyro.t_s.size} at {1 / recording.gyro.sample_s:.6g} Hz"),
             ("reference attitudes", str(recording.attitudes.t_s.size)),
@@ -291,11 +291,11 @@ def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams
     raw = streams.raw * scale / (factor if accumulated else 1.0)
     sensors = tuple(
         replace(
-            one,
-            t_s=one.t_s + found.offset_s,
-            q=np.asarray(Rotation.from_quat(one.q).inv().as_quat()) if found.reverse else one.q,
+            sensor,
+            t_s=sensor.t_s + found.offset_s,
+            q=np.asarray(Rotation.from_quat(sensor.q).inv().as_quat()) if found.reverse else sensor.q,
         )
-        for one in streams.sensors
+        for sensor in streams.sensors
     )
     entries: dict[str, Any] = {
         "align": "as given",

@@ -46,7 +46,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     }
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
-    entries["interval"] = [_build_span(one, begins_s) for one in recording.intervals]
+    entries["interval"] = [_build_span(interval, begins_s) for interval in recording.intervals]
     for name, table in (("gyro", gyro), ("attitude", attitude)):
         with open_replacement(folder / f"{name}.csv") as file:
             file.write(table.to_csv(index=False).encode())

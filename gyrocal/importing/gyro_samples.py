@@ -245,7 +245,7 @@ def _interpolate_gyros(frame: pd.DataFrame, names: list[str], mapping: Mapping, 
     seconds = (whole - whole.min()) + part
     columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
     rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
-    begin, end = max(seconds[own[0]] for own in rows.values()), min(seconds[own[-1]] for own in rows.values())
+    begin, end = max(seconds[row[0]] for row in rows.values()), min(seconds[own[-1]] for own in rows.values())
     common = rows[names[0]]
     common = common[(seconds[common] >= begin) & (seconds[common] <= end)]
     table = frame.loc[common, [*TAG_NAMES]].reset_index(drop=True)

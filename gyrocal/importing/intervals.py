@@ -97,9 +97,9 @@ def choose_intervals(gyro: GyroStream, joined: BodyAttitudes, mapping: Mapping, 
 def select_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices]:
     """Rows of attitudes in each of some intervals, none nearer to the one before than the spacing."""
     chosen = []
-    for one in spans:
+    for span in spans:
         kept: list[int] = []
-        for row in find_reference_rows(t_ref, one.interval).tolist():
+        for row in find_reference_rows(t_ref, span.interval).tolist():
             if not kept or t_ref[row] - t_ref[kept[-1]] >= (1 - 1e-6) * spacing_s:
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))

@@ -91,7 +91,7 @@ class JoinedReferences:
         """Describe each sensor, and the joint references."""
         sigma = format_degrees(np.median(self.attitudes.sigma, axis=0))
         return [
-            *(one.describe() for one in self.sensors),
+            *(sensor.describe() for sensor in self.sensors),
             f"{self.attitudes.t_s.size} joint references, 1-sigma about the body's axes {sigma} deg (median)",
         ]
 

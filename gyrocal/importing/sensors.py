@@ -46,12 +46,12 @@ def join_sensors(sensors: tuple[Sensor, ...], stated: dict[str, Array] | None, m
     if len(sensors) > 1 and (unknown := sorted(set(known) - set(names))):
         raise InputError(f"mountings: no sensor {', '.join(unknown)}; there are {', '.join(names)}")
     references = []
-    for one in sensors:
-        sigma = one.sigma
+    for sensor in sensors:
+        sigma = sensor.sigma
         if sigma is None:
-            own = _estimate_scatter(one, mapping.spacing_s or 0.0) if stated is None else stated[one.name]
-            sigma = np.tile(own, (one.t_s.size, 1))
-        references.append(SensorReferences(one.name, one.t_s, one.q, sigma, *known.get(one.name, (None, None))))
+            own = _estimate_scatter(sensor, mapping.spacing_s or 0.0) if stated is None else stated[sensor.name]
+            sigma = np.tile(own, (sensor.t_s.size, 1))
+        references.append(SensorReferences(sensor.name, sensor.t_s, sensor.q, sigma, *known.get(sensor.name, (None, None))))
     body = join_references(references).attitudes
     return BodyAttitudes(body.t_s, body.quaternions, tuple(references))
 
@@ -78,7 +78,7 @@ def read_stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str
     if isinstance(stated, str):
         return {one.name: np.sqrt(np.mean(np.square(one.sigma), axis=0)) for one in sensors if one.sigma is not None}
     by_name = stated if isinstance(stated, dict) else dict.fromkeys((one.name for one in sensors), stated)
-    return {one.name: np.deg2rad(np.broadcast_to(by_name[one.name], 3)) for one in sensors if one.name in by_name}
+    return {sensor.name: np.deg2rad(np.broadcast_to(by_name[sensor.name], 3)) for sensor in sensors if sensor.name in by_name}
 
 
 def build_references(

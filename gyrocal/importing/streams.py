@@ -162,7 +162,7 @@ def _choose_epoch(clocks: list[units.Clock], stated: str | None) -> tuple[str, i
     if not scale:
         return stated or UNDATED, 0
     try:
-        first = min(int(one.whole.min()) for one in clocks)
+        first = min(int(clock.whole.min()) for clock in clocks)
         origin = first if stated is None else units.convert_to_second(units.parse_date(stated), scale)
     except ValueError as fault:
         raise InputError(f"epoch: {fault}") from None
@@ -254,7 +254,7 @@ def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> list[un
             f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
             "--align auto finds the offset"
         )
-    return [replace(one, scale="") for one in clocks]
+    return [replace(clock, scale="") for clock in clocks]
 
 
 def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str]) -> tuple[units.Clock, list[units.Clock]]:

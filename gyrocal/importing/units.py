@@ -183,7 +183,7 @@ def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
     import pandas as pd
 
     texts = [columns.iloc[:, k].astype(str).str.strip() for k in range(columns.shape[1])]
-    of_day = [bool(one.str.fullmatch(TIME_OF_DAY).all()) for one in texts]
+    of_day = [bool(text.str.fullmatch(TIME_OF_DAY).all()) for text in texts]
     if of_day == [True]:
         return _parse_times_of_day(texts[0])
     if len(texts) > 1:

@@ -182,8 +182,8 @@ def mark_interval_samples(recording: Recording) -> Mask:
     """Samples (n,) that begin inside an interval."""
     t_s = recording.gyro.t_s
     out = np.zeros(t_s.size, dtype=bool)
-    for one in recording.intervals:
-        low, high = np.searchsorted(t_s, [one.start_s - 1e-6, one.stop_s - 1e-6])
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t_s, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
         out[low:high] = True
     return out
 
@@ -283,7 +283,7 @@ def _is_extrapolated(recording: Recording, one: Level) -> bool:
 
 def _is_shared(one: Level, levels: list[Level], axis: int) -> bool:
     """Whether a gyro is at a level in most of a stretch."""
-    shared = sum(max(min(one.high, other.high) - max(one.low, other.low), 0) for other in levels if other.axis == axis)
+    shared = sum(max(min(one.high, level.high) - max(one.low, level.low), 0) for level in levels if level.axis == axis)
     return shared >= SHARED * (one.high - one.low)
 
 

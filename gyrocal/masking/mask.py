@@ -85,15 +85,15 @@ class DataMask:
     def mark_false_references(self, t_s: Array) -> Mask:
         """Mark the references (m,) at these times that show no attitude."""
         out = np.zeros(t_s.size, dtype=bool)
-        for one in self.stretches:
-            if one.what in OF_REFERENCES:
-                out |= (t_s >= one.from_s - TIME_TOLERANCE_S) & (t_s < one.to_s - TIME_TOLERANCE_S)
+        for stretch in self.stretches:
+            if stretch.what in OF_REFERENCES:
+                out |= (t_s >= stretch.from_s - TIME_TOLERANCE_S) & (t_s < stretch.to_s - TIME_TOLERANCE_S)
         return out
 
     def mark_cuts(self, t_s: Array) -> Mask:
         """Mark the times (m,), in order, that a stretch without a rate or a jump that stays parts from the one before."""
-        cuts = [one for one in self.stretches if one.what not in OF_REFERENCES or one.from_s == one.to_s]
-        begun = np.searchsorted(np.sort([one.from_s for one in cuts]), t_s, side="left")
+        cuts = [stretch for stretch in self.stretches if stretch.what not in OF_REFERENCES or stretch.from_s == stretch.to_s]
+        begun = np.searchsorted(np.sort([cut.from_s for cut in cuts]), t_s, side="left")
         ended = np.searchsorted(np.sort([one.to_s for one in cuts]), t_s, side="right")
         return np.append(False, begun[1:] > ended[:-1])
 
@@ -106,7 +106,7 @@ class DataMask:
             return recording
         kept = np.flatnonzero(~self.mark_false_references(recording.attitudes.t_s))
         t_s = recording.attitudes.t_s[kept]
-        pieces = [piece for one in recording.intervals for piece in self._cut_interval(one, t_s)]
+        pieces = [piece for interval in recording.intervals for piece in self._cut_interval(interval, t_s)]
         if not pieces:
             said = "; ".join(self.describe(recording))
             raise InputError(f"no two references of an interval are left: {said}; give intervals without these stretches")
@@ -127,14 +127,14 @@ class DataMask:
         """Compute the share of the time of the gyro's samples that is left out."""
         t_s = recording.gyro.t_s
         out = np.zeros(t_s.size, dtype=bool)
-        for one in self.stretches:
-            out |= (t_s >= one.from_s) & (t_s < one.to_s)
+        for stretch in self.stretches:
+            out |= (t_s >= stretch.from_s) & (t_s < stretch.to_s)
         return float(out.mean())
 
     def describe(self, recording: Recording) -> list[str]:
         """Say what is left out, a sentence for each kind; times in s since the first gyro sample."""
         said, start = [], float(recording.gyro.t_s[0])
-        for key in dict.fromkeys(one.key for one in self.stretches):
+        for key in dict.fromkeys(stretch.key for stretch in self.stretches):
             own = [one for one in self.stretches if one.key == key]
             what = own[0].describe_kind([one.size for one in own])
             if own[0].what == "reference jump":
@@ -150,13 +150,13 @@ class DataMask:
 
     def to_json(self) -> list[dict[str, Any]]:
         """The stretches as documented, times in s since the epoch."""
-        return [one.to_json() for one in self.stretches]
+        return [stretch.to_json() for stretch in self.stretches]
 
     def to_frame(self) -> pd.DataFrame:
         """Build the table in which a recording stores the masked stretches."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-        rows = [(one.from_s, one.to_s, one.what, one.axis or "", one.size) for one in self.stretches]
+        rows = [(stretch.from_s, stretch.to_s, stretch.what, stretch.axis or "", stretch.size) for stretch in self.stretches]
         return pd.DataFrame(rows, columns=list(COLUMNS))
 
 

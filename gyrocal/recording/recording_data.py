@@ -114,7 +114,7 @@ class Recording:
     def _list_facts(self) -> list[tuple[str, str]]:
         """List the facts of a recording, a row for each quantity."""
         gyro, attitudes = self.gyro, self.attitudes
-        lengths = [one.stop_s - one.start_s for one in self.intervals]
+        lengths = [interval.stop_s - interval.start_s for interval in self.intervals]
         fastest = np.rad2deg(np.linalg.norm(gyro.rates, axis=1).max())
         sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0))) if attitudes.t_s.size else np.empty(0)
         sigma_text = f", sigma {', '.join(f'{value:.3g}' for value in sigma)} deg"

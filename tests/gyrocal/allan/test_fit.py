@@ -49,7 +49,7 @@ def test_each_term_is_found_with_its_size(records):
         whole = 0
         for seed in SEEDS[:records]:
             found = fitted(seed, *parts)
-            seen = {one.term for one in found.estimates if one.seen}
+            seen = {estimate.term for estimate in found.estimates if estimate.seen}
             sets = [seen, *(set(terms) for terms in found.alternatives)]
             assert set(truth) in sets, name
             if seen == set(truth):
@@ -65,7 +65,7 @@ def test_what_is_known_is_no_term():
     rates = noises.random_walk(rng, SAMPLES, 1.0) + noises.angle_white(rng, SAMPLES, 3.0)
     found = overlapping_allan_deviation([rates], noises.SAMPLE_S)
     fit = fit_terms(found, 9.0 * compute_allan_variance(ANGLE_WHITE, found.tau_s))
-    assert [one.term for one in fit.estimates if one.seen] == [RANDOM_WALK]
+    assert [estimate.term for estimate in fit.estimates if estimate.seen] == [RANDOM_WALK]
     assert np.all(np.abs(found.variance / fit.model - 1) < 4 * np.sqrt(2 / fit.degrees))
 
 

@@ -35,7 +35,7 @@ def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data)
     assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.REFERENCE_SIGMA_DEG, rel=0.15)
     # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
     np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
-    assert max(one.stop_s - one.start_s for one in imported.recording.intervals) < 31
+    assert max(interval.stop_s - interval.start_s for interval in imported.recording.intervals) < 31
     result = gyrocal.calibrate(imported.recording)
     error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
     assert (np.abs(error) < 4 * result.sigma).all()
@@ -155,7 +155,7 @@ def test_two_trackers_are_joined_with_their_own_noise_and_mounting():
     made, _ = trackers(np.random.default_rng(9), sigma)
     found = import_streams(made, validate_mapping(ENTRIES, "x"))
     references, joined = found.recording.attitudes, found.joined
-    assert [one.name for one in joined.sensors] == ["one", "two"]
+    assert [sensor.name for sensor in joined.sensors] == ["one", "two"]
     second = joined.sensors[1]
     off = (Rotation.from_matrix(second.mounting.T).inv() * MOUNTING).as_rotvec()
     assert (np.abs(off) < 4.5 * second.mounting_sigma).all()

@@ -21,7 +21,7 @@ RESOLUTION_S = 2e-7  # of seconds past J2000 in a double
 
 def write_pointing(path, kind, ticks, matrices, rates=False, frame="J2000", quaternions=None):
     """A kernel of one segment by the toolkit; type 3 has more than a hundred starts, so that they have a directory."""
-    q = np.array([toolkit.m2q(one.copy()) for one in matrices]) if quaternions is None else np.array(quaternions)
+    q = np.array([toolkit.m2q(matrix.copy()) for matrix in matrices]) if quaternions is None else np.array(quaternions)
     handle, count, turn = toolkit.ckopn(str(path), "theirs", 0), len(ticks), np.tile([0.01, -0.02, 0.03], (len(q), 1))
     if kind == 1:
         toolkit.ckw01(handle, ticks[0], ticks[-1], INSTRUMENT, frame, rates, "s", count, ticks, q, turn)

@@ -34,7 +34,7 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 def test_one_command_imports_a_real_recording(run_cli, tmp_path, name):
     kind, files, options, words, room = COMMANDS[name]
-    done = run_cli("import", kind, *(str(REAL / one) for one in files), str(tmp_path / "out"), *options)
+    done = run_cli("import", kind, *(str(REAL / file) for file in files), str(tmp_path / "out"), *options)
     assert done.exit_code == 0, done.stderr
     if not words:
         return

@@ -71,7 +71,7 @@ def test_rows_of_several_gyros_and_sensors_in_one_table():
     a = pd.concat([attitudes().assign(name="A"), attitudes().assign(name="B", t=attitudes()["t"] + 0.01)])
     found = made(g, a, gyro="rate:deg/s", gyro_by="gyro", attitude_by="name")
     np.testing.assert_allclose(found.raw, made().raw)
-    assert [one.name for one in found.sensors] == ["A", "B"]
+    assert [sensor.name for sensor in found.sensors] == ["A", "B"]
     assert [one.name for one in made(a=a, attitude_by="name", sensor="B").sensors] == ["B"]
     assert found.sensors[1].t_s[0] == 0.01
 

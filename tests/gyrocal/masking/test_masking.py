@@ -66,28 +66,28 @@ def test_a_stop_and_a_freeze_are_found_with_level_and_times(scenario, text, what
 def test_a_clipped_gyro_is_found_on_both_sides_of_its_range():
     recording = made("trmm", "rate_saturation:z=0.1")
     found = find_mask(recording)
-    assert {(one.what, one.axis) for one in found.stretches} == {("clipped", "z")}
+    assert {(stretch.what, stretch.axis) for stretch in found.stretches} == {("clipped", "z")}
     assert {round(one.size, 9) for one in found.stretches} == {0.1, -0.1}
     left = found.apply(recording)
     t_s, at = recording.gyro.t_s, np.abs(recording.gyro.rates[:, 2]) >= np.deg2rad(0.1) * (1 - 1e-12)
-    assert not any(((t_s[at] >= one.start_s) & (t_s[at] < one.stop_s)).any() for one in left.intervals)
+    assert not any(((t_s[at] >= interval.start_s) & (t_s[at] < interval.stop_s)).any() for interval in left.intervals)
 
 
 def test_clipped_readings_with_noise_are_found_by_the_references():
     """Nothing repeats: the readings crowd at 80 deg/s and the references turn beyond."""
     found = find_mask(swing(clip=80.0))
-    assert {(one.what, one.axis) for one in found.stretches} == {("clipped", "x")}
+    assert {(stretch.what, stretch.axis) for stretch in found.stretches} == {("clipped", "x")}
     assert np.abs([one.size for one in found.stretches]) == pytest.approx(80.0, abs=0.5)
 
 
 def test_jumps_of_the_references_are_found_with_time_axis_and_size():
-    single, jump = sorted(find_mask(swing(jump=3.0, flip=4.0)).stretches, key=lambda one: -one.size)
+    single, jump = sorted(find_mask(swing(jump=3.0, flip=4.0)).stretches, key=lambda stretch: -stretch.size)
     assert (single.axis, single.from_s, single.to_s) == ("x", pytest.approx(40.0), pytest.approx(40.02))
     assert (jump.axis, jump.from_s, jump.to_s) == ("y", pytest.approx(19.995), pytest.approx(19.995))
     assert (single.size, jump.size) == (pytest.approx(4.0, abs=0.15), pytest.approx(3.0, abs=0.15))
     recording = swing(jump=3.0, flip=4.0)
     left = find_mask(recording).apply(recording)
-    assert [one.stop_s for one in left.intervals] == pytest.approx([19.99, 59.99])
+    assert [interval.stop_s for interval in left.intervals] == pytest.approx([19.99, 59.99])
     assert np.setdiff1d(recording.attitudes.t_s, left.attitudes.t_s) == pytest.approx([40.0, 40.01])
 
 
@@ -139,7 +139,7 @@ def test_stretches_left_out_by_hand_cut_the_intervals_and_are_kept_in_a_recordin
     recording = swing()
     mask = find_mask(recording, [(10.0, 12.0), (30.0, 30.5)])
     left = mask.apply(recording)
-    assert [(one.name, one.start_s, one.stop_s) for one in left.intervals] == [
+    assert [(interval.name, interval.start_s, interval.stop_s) for interval in left.intervals] == [
         ("whole/0", 0.0, 10.0), ("whole/1", pytest.approx(12.0), pytest.approx(30.0)), ("whole/2", 30.5, pytest.approx(59.99)),
     ]  # fmt: skip
     assert mask.compute_share(recording) == pytest.approx(2.5 / 60, abs=1e-3)

@@ -32,7 +32,7 @@ def test_the_axis_that_flies_forward_and_that_noise_was_estimated_are_kept(folde
     recording = load(folder)
     first, *others = recording.intervals
     save(dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="-x"), *others)), folder)
-    assert [one.forward for one in load(folder).intervals] == ["-x", *[None] * len(others)]
+    assert [interval.forward for interval in load(folder).intervals] == ["-x", *[None] * len(others)]
     with pytest.raises(InputError, match=r"interval m1: forward \+z must be one of \+x, -x, \+y, -y, none"):
         dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="+z"), *others))
     assert not recording.gyro.arw_estimated
