@@ -106,21 +106,19 @@ def thin_out(recording):
 
 
 MISREAD = {
-    "heads": (lambda t: {"sun": replace(t.sun, counts=t.sun.counts[:, ::-1])}, "with count_alpha and count_beta exchanged"),
-    "radians": (lambda t: {"earth": replace(t.earth, angles=np.deg2rad(t.earth.angles))}, "penetration angles in rad, not deg"),
-    "zeros": (lambda t: {"sun": replace(t.sun, counts=0 * t.sun.counts)}, "no usual misreading of the tables explains that"),
+    "heads": lambda t: {"sun": replace(t.sun, counts=t.sun.counts[:, ::-1])},
+    "radians": lambda t: {"earth": replace(t.earth, angles=np.deg2rad(t.earth.angles))},
+    "zeros": lambda t: {"sun": replace(t.sun, counts=0 * t.sun.counts)},
 }
 
 
 @pytest.mark.parametrize("what", MISREAD)
-def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(what):
+def test_tables_that_fit_nothing_are_unknown(what):
     recording = thin_out(recorded())
-    change, words = MISREAD[what]
-    found = diagnose(replace(recording, sensors=replace(recording.sensors, **change(recording.sensors))))
+    found = diagnose(replace(recording, sensors=replace(recording.sensors, **MISREAD[what](recording.sensors))))
     assert (found.verdict, found.present, found.unknown_probability) == ("unknown", True, 1.0)
     assert not found.causes
     assert "do not fit the nominal sensors" in found.where[0].text
-    assert words in found.where[0].text
     assert found.where[0].p_value < 1e-100
     assert found.to_json()["mean_square"] is None
 
