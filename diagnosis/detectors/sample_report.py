@@ -42,7 +42,7 @@ class Symptom:
     probability: float = 1.0  # that an effect is at work and not a motion of the body, where that was weighed
     # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
-    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.sample_noise`)
+    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class SampleReport:
     # (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the residuals in
     # it would explain that noise
     smooth: Array
-    hidden: Mask  # (3,) whether a coarse lattice hides the gyro's slow motion for long
-    lattice: Mask  # (3,) whether readings lie on one that is coarser than the noise
+    coarse_steps: Array  # (3,) step of a lattice that readings lie on and that hides slow motion, rad/s; zero of others
+    cut_steps: Array  # (3,) step that readings may have been cut to, if half of it matters, rad/s; zero of others
     lines: tuple[Line, ...]  # lines of the spectrum; a body that moves so shows them as well as an error of the gyro
 
 

@@ -104,25 +104,35 @@ def list_sample_causes(
     with the probability which the own test leaves. Symptoms that chance or a motion makes with more than half of the
     probability are left out.
     """
-    of_samples, tests, view = prepared.samples.symptoms, prepared.samples.tests, _build_prepared_view(prepared)
+    symptoms, view = prepared.samples.symptoms, _build_prepared_view(prepared)
     if prepared.model.recording.gyro.arw_estimated:  # an import's estimate departs from itself by its error
-        of_samples = tuple(one for one in of_samples if one.kind != "white_noise_level")
-    claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
+        symptoms = tuple(one for one in symptoms if one.kind != "white_noise_level")
     own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
-    found = []
-    for one in (*of_samples, *list_reference_symptoms(prepared)):
-        effect = claims.get(one.kind)
-        explained = [
-            compute_posterior(other.symptom, settings).listed for other in own if effect is not None and other.effect == effect
-        ]
-        if effect in own_test:
-            effect = None
-        weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
+    causes = []
+    for symptom in (*symptoms, *list_reference_symptoms(prepared)):
+        claimants = _list_claimants(symptom.kind, effects)
+        explained = [compute_posterior(one.symptom, settings).listed for one in own if one.effect in claimants]
+        weighed = replace(symptom, probability=symptom.probability * (1 - max(explained, default=0.0)))
         if _is_more_than_chance(weighed, settings):
-            rivals = tuple((claims[kind], share) for kind, share in one.rivals if kind in claims)
-            found.append(SampleCause(weighed, effect, _build_finding(tests, one), rivals))
-    return (*found, *own)
+            names = [name for name in claimants if name not in own_test]
+            finding = _build_finding(prepared.samples.tests, symptom)
+            causes.append(SampleCause(weighed, names[0] if names else None, finding, _list_rivals(names, symptom, effects)))
+    return (*causes, *own)
+
+
+def _list_claimants(kind: str, effects: Sequence[Effect]) -> list[str]:
+    return [effect.name for effect in effects if effect.symptom == kind]
+
+
+def _list_rivals(names: Sequence[str], symptom: Symptom, effects: Sequence[Effect]) -> tuple[tuple[str, float], ...]:
+    """List alternatives to the first effect that claims a symptom, and their shares of the probability.
+
+    They are effects that claim a rival of the symptom, and others that claim the same one: these have equal shares.
+    """
+    others = [(name, share) for kind, share in symptom.rivals for name in _list_claimants(kind, effects)]
+    left = 1.0 - sum(share for _, share in others)
+    return (*((name, left / len(names)) for name in names[1:]), *others)
 
 
 def _is_more_than_chance(symptom: Symptom, settings: DiagnosisSettings) -> bool:

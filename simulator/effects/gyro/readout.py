@@ -59,7 +59,7 @@ EFFECTS = [
         bounds=(1e-12, 1e5),
         axis_optional=True,
         meaning="The gyro's output is rounded to multiples of a step.",
-        symptom="lattice_rounded",
+        symptom="lattice",
         show=_round,
     ),
     _Readout(
@@ -95,7 +95,7 @@ EFFECTS = [
         bounds=(1e-12, 1e5),
         axis_optional=True,
         meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
-        symptom="lattice_cut",
+        symptom="lattice",
         show=_truncate,
     ),
 ]
