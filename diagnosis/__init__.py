@@ -6,8 +6,7 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
 
 `diagnosis.diagnose` uses the modules in this order (steps 4 to 9 are in `explain`):
 
-1. `detectors.samples` calls the test of each symptom. `detectors.sample_noise` decides how loud the samples are, by the level
-   that `detectors.noise_level` fits to one gyro.
+1. `detectors.samples` calls the test of each symptom. `detectors.sample_noise` estimates the noise of a sample.
 2. `model.prepare` calibrates under M0 (`model.calibration`) on the linearised recording (`model.recording_model`). It
    classifies the noise of the references, and repeats that without the effects that were identified. `sinusoids` fits the
    lines of the samples and the periods of step 4.

@@ -1,7 +1,9 @@
-"""The decision on the noise of the samples: where they are quiet, how loud they are, and which symptoms that makes.
+"""Estimate the noise of a sample of each gyro, and find the symptoms where it is not white noise as stated.
 
-Noise that all three gyros have too much of by one factor is of one kind, and each says its part of which. Power in one band of
-the spectrum is no noise of another level, but a body that shakes with its wheels or its appendages.
+`measure_noise` compares the fit of each gyro's spectrum (`diagnosis.detectors.noise_spectrum`) with the stated noise. Noise of
+which all three gyros have too much by one factor is of one kind, and the log odds of white against readout noise are added over
+the gyros. Too much power in one band of the spectrum is no noise, but a body that shakes with its wheels or its appendages.
+`estimate_local_noise` and `find_quiet_samples` give the tests for outliers and lines a robust level and the samples at rest.
 """
 
 from __future__ import annotations
@@ -16,13 +18,13 @@ import scipy.special
 from scipy.special import expit, logit
 
 from diagnosis.arrays import AXES
-from diagnosis.detectors.noise_level import (
+from diagnosis.detectors.noise_spectrum import (
     HIDDEN_TONE_FREQUENCY,
     ORDER,
     UNDECIDED,
     Readout,
     compute_broadband_share,
-    fit_noise_level,
+    fit_noise_spectrum,
 )
 from diagnosis.detectors.number_format import Lattices
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream, Symptom
@@ -57,22 +59,21 @@ class NoiseFactor:
 
 
 def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
-    """(3,) robust noise of a sample that was measured, where enough were; what bridges the others has less."""
-    order = ORDER
-    if len(rates) <= order:
+    """Estimate the noise (3,) of a sample robustly from those that were measured, where enough were."""
+    if len(rates) <= ORDER:
         return np.full(3, sigma)
-    measured = ~scipy.ndimage.binary_dilation(filled, iterations=order // 2)[order // 2 : filled.size - order // 2]
+    measured = ~scipy.ndimage.binary_dilation(filled, iterations=ORDER // 2)[ORDER // 2 : filled.size - ORDER // 2]
     if measured.sum() < FEWEST:
         measured[:] = True
     # The differences of white noise have C(2d, d) times its variance.
-    scale = 0.6745 * np.sqrt(comb(2 * order, order))
-    robust = np.array([np.median(np.abs(np.diff(x, order)[measured])) for x in rates.T]) / scale
+    scale = 0.6745 * np.sqrt(comb(2 * ORDER, ORDER))
+    robust = np.array([np.median(np.abs(np.diff(x, ORDER)[measured])) for x in rates.T]) / scale
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
 
 def find_quiet_samples(rates: Array, noise: Array) -> Mask:
-    """Samples around which the mean rate does not visibly change on any axis."""
+    """Find the samples around which the mean rate does not visibly change on any axis."""
     half, moving = HALF, np.zeros(len(rates), dtype=bool)
     for axis, level in enumerate(noise):
         ahead = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=-half // 2, mode="nearest")
@@ -82,26 +83,26 @@ def find_quiet_samples(rates: Array, noise: Array) -> Mask:
 
 
 def measure_noise(stream: Stream, lattices: Lattices, lines: Sequence[Line], event_p: float) -> tuple[Findings, Array, Array]:
-    """Measure the noise of each axis of a repaired stream, beside the lines of the spectrum.
+    """Measure the noise of each axis of a stream, beside the lines of the spectrum.
 
     Returns findings, and actual over stated noise of a sample and of the density that integrates to the attitude, (3,) each.
     """
     measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
-    found: dict[int, NoiseFactor] = {}
+    factors: dict[int, NoiseFactor] = {}
     for axis in range(3):
-        one = _measure_axis(stream, axis, measured, lattices, [line for line in lines if line.axis == axis], event_p)
-        if one is not None:
-            found[axis] = one
+        noise = _measure_axis(stream, axis, measured, lattices, [line for line in lines if line.axis == axis], event_p)
+        if noise is not None:
+            factors[axis] = noise
     tests = tuple(
         SampleTest(
-            "noise_level", AXES[axis], one.value, 1.0, one.p_value, "white_noise_level",
-            f"the noise of the samples is {one.value:.3f} times what is stated",
+            "noise_level", AXES[axis], noise.value, 1.0, noise.p_value, "white_noise_level",
+            f"the noise of the samples is {noise.value:.3f} times what is stated",
         )
-        for axis, one in found.items()
+        for axis, noise in factors.items()
     )  # fmt: skip
-    odd = {axis: one for axis, one in found.items() if one.p_value < event_p}
-    symptoms, density = _describe(stream, odd, event_p)
-    factor = np.array([odd[axis].value if axis in odd else 1.0 for axis in range(3)])
+    departing = {axis: noise for axis, noise in factors.items() if noise.p_value < event_p}
+    symptoms, density = _describe(stream, departing, event_p)
+    factor = np.array([departing[axis].value if axis in departing else 1.0 for axis in range(3)])
     return Findings(tests, tuple(symptoms)), factor, density
 
 
@@ -111,18 +112,12 @@ def _measure_axis(
     """Measure the noise of one axis; None where its readings show none whose level could be told."""
     sigma, step, coarse = stream.sigma, float(lattices.steps[axis]), bool(lattices.coarse[axis])
     expected = sigma**2 + (step**2 / 12 if coarse else 0.0)
-    x, where = stream.rates[:, axis].copy(), measured
-    for line in lines:
-        x -= line.waveform
-        if (
-            line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY
-        ):  # where it was not taken out, it is in the blocks
-            where = where & (line.waveform != 0.0)
+    x, shown = _remove_lines(stream, axis, measured, lines)
     if lattices.may_bias[axis]:
-        where = where & _is_off_zero(x, step, sigma)
+        shown = shown & _is_off_zero(x, step, sigma)
     gyro = stream.recording.gyro
     degrees = gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else np.inf
-    level = fit_noise_level(x, stream.find_arcs(where), expected, degrees)
+    level = fit_noise_spectrum(x, stream.find_arcs(shown), expected, degrees)
     if level is None or (coarse and level.variance < RESOLVED * step**2):
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))
@@ -135,6 +130,17 @@ def _measure_axis(
     bound = 0.5 * UNDECIDED
     odds = -bound if readout is None else max(float(logit(readout.probability)), -bound)
     return NoiseFactor(factor, 0.5 * level.sigma / sigma**2 / factor, p, readout, odds)
+
+
+def _remove_lines(stream: Stream, axis: int, measured: Mask, lines: Sequence[Line]) -> tuple[Array, Mask]:
+    """Remove lines from the readings of one axis (n,), and choose the samples (n,) in which none is left."""
+    x, shown = stream.rates[:, axis].copy(), measured
+    for line in lines:
+        x -= line.waveform
+        # A line that is this fast is in the blocks of the spectrum, where it could not be removed.
+        if line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY:
+            shown = shown & (line.waveform != 0.0)
+    return x, shown
 
 
 def _is_off_zero(x: Array, step: float, sigma: float) -> Mask:
