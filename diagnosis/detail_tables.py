@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.detectors.sample_report import SampleTest
-from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.prepare import PreparedRecording
+from diagnosis.posterior import Attribution
 from diagnosis.result import Details
 from diagnosis.sensor_result import EXPLANATIONS
 

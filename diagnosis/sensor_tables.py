@@ -26,7 +26,6 @@ from diagnosis.assemble import list_attitude_causes, list_next_explanations
 from diagnosis.detail_tables import tabulate_explanations
 from diagnosis.explain import AttitudeInference, infer_causes
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
@@ -34,7 +33,7 @@ from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit
 from diagnosis.model.sensors.columns import GYRO_RIVAL, HeldAmplitudes, compute_held_error, find_sensor_effect
 from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.tables import Noise, Tables, build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
-from diagnosis.posterior import list_attitude_explanations
+from diagnosis.posterior import Attribution, list_attitude_explanations
 from diagnosis.sensor_result import SENSOR_RESIDUAL_COLUMNS, RejectedExplanation, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError, UnobservableError
