@@ -23,7 +23,6 @@ from scipy.special import chdtrc
 from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.assemble import list_attitude_causes, list_next_explanations
-from diagnosis.detail_tables import tabulate_explanations
 from diagnosis.explain import AttitudeInference, infer_causes
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.closure import compute_closure
@@ -194,7 +193,6 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
         if misfits or (present and not attribution)
         else list_attitude_explanations(attribution),
         residuals=tabulate_sensor_residuals(explained.fits, held),
-        explanations=tabulate_explanations(found.attribution),
     )
 
 
