@@ -113,7 +113,7 @@ def fit_noise_spectrum(
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
-    # Spikes that are too small to be repaired beside the motion are no level.
+    # Spikes that are too small to be found beside the motion are no level.
     single = ~has_spike(blocks)
     samples, blocks = samples[single], blocks[single]
     through = find_zero_crossings(samples, float(np.sqrt(expected)))

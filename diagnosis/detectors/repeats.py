@@ -171,29 +171,27 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
 
 
 def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
-    """Find samples that repeat the one before on all axes, and bridge those that surely are faults."""
+    """Find samples that repeat the one before on all axes, and fill those that surely are faults with lines."""
     rates, gyro = stream.rates, stream.recording.gyro
     # A clipped reading stands at the largest one.
     is_largest = (np.abs(rates) >= np.abs(rates[stream.used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = find_repeats(rates, mark_consecutive_samples(stream.recording, stream.used) & ~is_largest)
-    if found is None:
+    repeats = find_repeats(rates, mark_consecutive_samples(stream.recording, stream.used) & ~is_largest)
+    if repeats is None:
         return Findings(), stream
     test = SampleTest(
-        "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
-        "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
+        "repeated_share", None, repeats.count / repeats.samples, repeats.expected / repeats.samples, repeats.p_value,
+        "repeats", f"{repeats.count} of {repeats.samples} samples repeat the one before on all axes",
     )  # fmt: skip
-    if found.p_value >= event_p:
+    if repeats.p_value >= event_p:
         return Findings((test,)), stream
-    parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind, text = "repeats", ""
-    if not is_measured(gyro.rates, found.mask):
+    if not is_measured(gyro.rates, repeats.mask):
         kind, text = "filled_samples", "samples repeat a value that is far from its neighbours, so that it was filled in"
-    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text)
-    rates, factor, density = fill_gaps(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
-    repaired = replace(
-        stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask
-    )
-    return Findings((test,), (symptom,)), repaired
+    parameters: dict[str, float | str] = {"fraction": repeats.fraction}
+    symptom = Symptom(kind, None, repeats.size, "samples", repeats.sigma, parameters, repeats.p_value, text)
+    rates, factor, density = fill_gaps(gyro.t_s, rates, repeats.mask, gyro.sample_s, stream.sigma)
+    density = stream.density * factor[:, None] + density
+    return Findings((test,), (symptom,)), replace(stream, rates=rates, density=density, filled=stream.filled | repeats.mask)
 
 
 def is_measured(rates: Array, repeated: Mask) -> bool:

@@ -112,7 +112,7 @@ def _write_notes(found: PreparedRecording) -> Iterator[str]:
 class PreparedRecording:
     """A recording ready for the attitude tests."""
 
-    model: RecordingModel  # linearised about the calibration, on the repaired stream
+    model: RecordingModel  # linearised about the calibration, on the filled stream
     samples: SampleReport  # what the samples showed
     sigma: Array  # (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
     reference_noise: ReferenceNoise | None  # test of the references' noise, None without a series of them

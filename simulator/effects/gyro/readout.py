@@ -10,7 +10,7 @@ rate_saturation
 rate_truncation
     Samples become the multiple of size next to them on the side of zero, noise included: an integer conversion that drops the
     fraction. The counts −1 < x/size < 1 all read zero, so that the bin of zero is twice as wide as the others, and every other
-    reading is half a step too near to zero on average. Found in the gyros of the BROAD trials (docs/validation.md).
+    reading is half a step too near to zero on average.
 """
 
 from collections.abc import Callable
