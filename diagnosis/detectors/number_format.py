@@ -1,13 +1,16 @@
 """Number format of readings: the step of the lattice that all readings of a gyro lie on, and what it does to them.
 
-Noise n ~ N(0, σ²) that spans a step q or more spreads the error of a rounded reading evenly over the step: rounding adds
-noise of the variance q²/12 to each sample (Widrow, 1956). A reading that is cut toward zero is, besides that, half a step too
-near to zero on average, but for noise that changes its sign:
+The error of a rounded reading is spread evenly over a step q. Noise that spans a step or more makes it anew with each sample,
+so that rounding adds noise of the variance q²/12 (Widrow, 1956). Without such noise the error stays as long as the reading
+does, for a time T, and adds noise of the density q²/12 T.
+
+A reading that is cut toward zero is, besides that, half a step too near to zero on average. At a rate x with the noise σ the
+mean error is
 
     E[reading − x] = −½ q erf(x/(√2 σ))
 
-Readings do not show whether they were rounded or cut: the cut differs from a scale error and a bias about zero only. A model of
-the recording has the half step as a nuisance parameter.
+Cutting differs from rounding about zero only; far from zero the half step looks like a bias that changes with the sign of the
+rate. Both are one symptom here, and a model of the recording has the half step as a nuisance parameter.
 """
 
 from __future__ import annotations
@@ -26,8 +29,8 @@ SAME = 0.01  # relative difference of the steps of one converter
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 EXACT = 0.02  # steps, by which a value may be off the lattice
 PRINTED = 5e-5  # relative error of a number printed with five digits, by which it may be off as well
-UNTOLD = 0.2  # steps, of what may be off, beyond which a value says nothing of the lattice
-FEWEST_TOLD = 50  # other values, by which the chance of a lattice is less than 1e-19
+MOST_ALLOWED = 0.2  # steps, of this deviation, from which on a value says nothing of the lattice
+FEWEST_INFORMATIVE = 50  # other values, by which the chance of a lattice is less than 1e-19
 
 
 @dataclass(frozen=True)
@@ -88,11 +91,11 @@ def find_lattice_step(x: Array) -> float:
         counts = np.round(chosen / step)
         if np.any(counts):
             step = float(counts @ chosen / (counts @ counts))
-    off = np.abs(values / step - np.round(values / step))
+    deviation = np.abs(values / step - np.round(values / step))
     allowed = EXACT + PRINTED * np.abs(values / step)
-    told = allowed < UNTOLD
-    exact = off.max() < EXACT or (told.sum() >= FEWEST_TOLD and bool((off < allowed)[told].all()))
-    return step if exact else 0.0
+    informative = allowed < MOST_ALLOWED
+    printed = informative.sum() >= FEWEST_INFORMATIVE and bool((deviation < allowed)[informative].all())
+    return step if deviation.max() < EXACT or printed else 0.0
 
 
 def measure_runs(x: Array, follows: Mask) -> Array:
