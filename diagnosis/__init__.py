@@ -4,20 +4,21 @@ The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and 
 Everything rests on one linear model (`diagnosis.model.linear`). An unmodelled effect adds a group of columns beside the twelve
 of the calibration. Its column is what the effect adds to the gyro's readings or to a reference attitude.
 
+Every probability is made in `posterior`: of a cause that the attitude shows, of one that the samples show, and of both.
+
 `diagnosis.diagnose` uses the modules in this order (steps 4 to 9 are in `explain`):
 
-1. `detectors.samples` calls the test of each symptom. `detectors.sample_noise` decides how loud the samples are, by the level
-   that `detectors.noise_level` fits to one gyro.
+1. `detectors.samples` calls the test of each symptom. `detectors.sample_noise` estimates the noise of a sample.
 2. `model.prepare` calibrates under M0 (`model.calibration`) on the linearised recording (`model.recording_model`). It
    classifies the noise of the references, and repeats that without the effects that were identified. `sinusoids` fits the
    lines of the samples and the periods of step 4.
-3. `model.symptoms` computes the posterior of each symptom: the probability of a cause that the samples show.
+3. `model.symptoms` finds the effects that claim each symptom of the samples.
 4. `model.candidates` builds the columns of listed effects, with `model.processes` and `model.periods`, and of alternatives
    outside the library (`model.alternatives`), and joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.
 6. `inference.joint_search` finds the set of effects and random errors with the highest posterior, by the evidence of sets
-   (`inference.search`, `inference.evidence`), refines its options (`inference.refinement`), and gives each place of the set a
-   posterior: a cause with its probability and its alternatives (`build_slot`), or a member of the remainder.
+   (`inference.search`, `inference.evidence`), and refines its options (`inference.refinement`). Each place of the set holds a
+   cause with its alternatives, or a member of the remainder.
 7. `inference.amplitudes` estimates the sizes of all members.
 8. `budget` measures on held-out data (`model.folds`) what each cause closes beside the remainder; one that closes less than
    nothing belongs to the remainder. `replication` compares sizes between parts of the recording.

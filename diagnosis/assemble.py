@@ -16,7 +16,6 @@ from diagnosis.arrays import AXES
 from diagnosis.detail_tables import build_details
 from diagnosis.detectors.sample_report import Line
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.levels import compute_levels
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrate_with_effects
@@ -186,7 +185,13 @@ def build_answer(
     samples = weigh_consequences(samples, named, settings)
     causes = _merge_causes(samples, explained, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
-    unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(samples, settings)))
+    symptoms = [one.summarise(settings) for one in samples]
+    unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(symptoms)))
+    of_attitude = (
+        posterior.list_attitude_explanations(attribution)
+        if gap
+        else posterior.list_explanations_without_gap(explained.unseen, bool(samples), settings)
+    )
     present = gap or bool(samples)
     is_partial = attribution is not None and attribution.verdict == "partial"
     verdict = decide_verdict(present, causes, unknown, settings, beside_remainder=is_partial, blind=bool(seen.blind))
@@ -217,7 +222,7 @@ def build_answer(
         runtime_s=runtime_s,
         details=seen.details,
         p_values=seen.p_values,
-        posterior=posterior.combine_posteriors(samples, explained, gap, settings),
+        posterior=posterior.combine_posteriors(symptoms, of_attitude),
         amplitudes=seen.amplitudes,
         budget=explained.budget,
         remainder=explained.remainder,
@@ -277,13 +282,13 @@ def _merge_causes(
 def _combine_cause(first: Cause, second: Cause) -> Cause:
     """Join what two independent parts of the data say of one cause."""
     better = min(first, second, key=lambda cause: cause.sigma)
-    p = 1 - (1 - first.probability) * (1 - second.probability)
-    group_p = 1 - (1 - first.group_probability) * (1 - second.group_probability)
+    p = posterior.combine_independent(first.probability, second.probability)
+    group_p = posterior.combine_independent(first.group_probability, second.group_probability)
     return replace(better, probability=p, group_probability=group_p)
 
 
 def list_attitude_causes(
-    attribution: Attribution | None, fitted: Sequence[FittedEffect], candidates: tuple[Candidate, ...] = ()
+    attribution: posterior.Attribution | None, fitted: Sequence[FittedEffect], candidates: tuple[Candidate, ...] = ()
 ) -> tuple[Cause, ...]:
     """The causes that the data of a linear model show, with levels where its candidates are given."""
     if attribution is None:
@@ -310,7 +315,7 @@ def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) 
     return out
 
 
-def list_next_explanations(attribution: Attribution | None) -> Explanations:
+def list_next_explanations(attribution: posterior.Attribution | None) -> Explanations:
     """The next best explanations with their probabilities."""
     if attribution is None:
         return ()

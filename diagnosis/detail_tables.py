@@ -2,38 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from diagnosis.detectors.sample_report import SampleTest
-from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.prepare import PreparedRecording
 from diagnosis.result import Details
-from diagnosis.sensor_result import EXPLANATIONS
 
 if TYPE_CHECKING:
     from diagnosis.explain import AttitudeInference
 
 AXES = "xyz"
 
-WORTH_KEEPING = 1e-6  # probability of an explanation in the details
-
-
-def tabulate_explanations(attribution: Attribution | None) -> pd.DataFrame:
-    """All explanations with a probability worth keeping."""
-    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
-    return pd.DataFrame.from_records(
-        [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
-        columns=EXPLANATIONS,
-    )
-
 
 def build_details(prepared: PreparedRecording, explained: AttitudeInference, table: pd.DataFrame) -> Details:
-    """The tables of an answer's figures, of the attitude and the samples."""
+    """Build the tables of an answer's figures."""
     model, fitted = prepared.model, explained.fitted
     contribution = sum((model.project_out_nuisance(one.contribution) for one in fitted), np.zeros(model.size))
     before, band = localization.compute_body_residuals(model, model.y)
@@ -67,16 +52,6 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
         residuals=residuals,
         statistics=table,
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
-        explanations=tabulate_explanations(explained.attribution),
-        stream=test_table(prepared.samples.tests),
         fitted=explained.fitted,
         beside=explained.unnamed,
-    )
-
-
-def test_table(tests: Sequence[SampleTest]) -> pd.DataFrame:
-    """Tabulate the tests of the samples, a row each."""
-    return pd.DataFrame.from_records(
-        [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in tests],
-        columns=["statistic", "axis", "value", "expected", "p_value", "text"],
     )

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from diagnosis.answer import UNDECIDED, Explanations, Finding
+from diagnosis.answer import UNDECIDED, Finding
 from diagnosis.assemble import build_diagnosis
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Symptom
 from diagnosis.explain import explain_prepared
@@ -17,7 +17,7 @@ from diagnosis.inference.levels import Level
 from diagnosis.model.prepare import Progress, prepare
 from diagnosis.model.symptoms import SampleCause, list_sample_causes
 from diagnosis.plan.invisible import find_invisible_effects
-from diagnosis.posterior import select_likeliest
+from diagnosis.posterior import combine_independent, join_explanations
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.sensor_tables import diagnose_sensors
@@ -30,7 +30,6 @@ from simulator.effects import EFFECTS
 from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
-UNKNOWN_LABELS = ("unknown",)
 LEVEL_SIGMA = 1e-6  # least relative sigma of the level of a clipped gyro
 
 
@@ -137,7 +136,7 @@ def merge_answers(attitude: Diagnosis, sensors: SensorDiagnosis, settings: Diagn
     Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
     """
     present, causes = attitude.present or sensors.present, (*attitude.causes, *sensors.causes)
-    unknown = 1 - (1 - attitude.unknown_probability) * (1 - sensors.unknown_probability)
+    unknown = combine_independent(attitude.unknown_probability, sensors.unknown_probability)
     verdict = decide_verdict(
         present, causes, unknown, settings,
         beside_remainder=attitude.verdict == "partial", blind="not identifiable" in (attitude.verdict, sensors.verdict),
@@ -156,16 +155,6 @@ def merge_answers(attitude: Diagnosis, sensors: SensorDiagnosis, settings: Diagn
         closure=leading.closure,
         notes=(*sensors.notes, *attitude.notes),
         p_values={**attitude.p_values, "sensor tables": sensors.p_value},
-        posterior=_join_posteriors(attitude, sensors),
+        posterior=join_explanations(attitude.posterior, sensors.posterior),
         sensors=sensors,
     )
-
-
-def _join_posteriors(attitude: Diagnosis, sensors: SensorDiagnosis) -> Explanations:
-    """Explanations of both together, which are independent of one another."""
-    found: dict[tuple[str, ...], float] = {}
-    for one, p in attitude.posterior:
-        for other, q in sensors.posterior:
-            labels = UNKNOWN_LABELS if UNKNOWN_LABELS in (one, other) else (*one, *other)
-            found[labels] = found.get(labels, 0.0) + p * q
-    return select_likeliest(found)

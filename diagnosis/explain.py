@@ -11,14 +11,6 @@ import numpy as np
 from diagnosis.answer import MOST, Closure, RemainderSummary, label_by_character
 from diagnosis.budget import Step, is_surely_closing, measure_causes, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
-from diagnosis.inference.attribution import (
-    Attribution,
-    CredibleGroup,
-    RankedExplanation,
-    attribute,
-    build_unknown_attribution,
-    rank_weak_effects,
-)
 from diagnosis.inference.criticism import Check, combine_checks
 from diagnosis.inference.joint_search import Inferred, infer_set
 from diagnosis.inference.null import compute_null_p
@@ -29,8 +21,10 @@ from diagnosis.model.linear import Candidate, LinearModel
 from diagnosis.model.misfit import check_baseline
 from diagnosis.model.prepare import PreparedRecording, Progress, reclassify_without_effects, select_known_effects
 from diagnosis.model.recording_model import RecordingModel
+from diagnosis.posterior import Attribution, CredibleGroup, RankedExplanation, build_unknown_attribution, rank_weak_effects
 from diagnosis.remainder import summarise_remainder
 from diagnosis.settings import DiagnosisSettings
+from diagnosis.verdict import attribute
 from gyrocal.arrays import Array
 from simulator.effects.base import Effect
 

@@ -31,8 +31,6 @@ class Details:
     # cause, interval, axis, t_s, regressor_deg (what the cause does at the size found), residual_deg (what M0 leaves, with the
     # other causes taken out)
     regressors: pd.DataFrame
-    explanations: pd.DataFrame  # effects (joined by " + "), probability, log_evidence, unlisted
-    stream: pd.DataFrame  # statistic, axis, value, expected, p_value, text
     fitted: tuple[FittedEffect, ...] = ()  # the causes of the attitude
     beside: tuple[FittedEffect, ...] = ()  # members of the remainder
 

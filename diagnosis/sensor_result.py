@@ -10,7 +10,6 @@ import pandas as pd
 from diagnosis.answer import Cause, Closure, Explanations, Finding, Verdict
 
 SENSOR_RESIDUAL_COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
-EXPLANATIONS = ["effects", "probability", "log_evidence", "unlisted"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,6 @@ class SensorDiagnosis:
     # the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
     residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=SENSOR_RESIDUAL_COLUMNS), repr=False)
     # effects (joined by " + "), probability, log_evidence, unlisted
-    explanations: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=EXPLANATIONS), repr=False)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields that the merged result lacks; its causes and findings are among the others there."""

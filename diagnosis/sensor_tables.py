@@ -23,19 +23,16 @@ from scipy.special import chdtrc
 from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.arrays import LEAST_POSITIVE
 from diagnosis.assemble import list_attitude_causes, list_next_explanations
-from diagnosis.detail_tables import tabulate_explanations
 from diagnosis.explain import AttitudeInference, infer_causes
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit_arc, fit_arcs
 from diagnosis.model.sensors.columns import GYRO_RIVAL, HeldAmplitudes, compute_held_error, find_sensor_effect
-from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.tables import Noise, Tables, build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
-from diagnosis.posterior import list_attitude_explanations
+from diagnosis.posterior import Attribution, list_attitude_explanations
 from diagnosis.sensor_result import SENSOR_RESIDUAL_COLUMNS, RejectedExplanation, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError, UnobservableError
@@ -90,13 +87,10 @@ def diagnose_sensors(
 
     An `InputError` if the tables, or their ephemeris, cannot be used. The seed is that of the null distribution.
     """
-    wrong = find_misreading(recording)
-    if wrong is None:
-        try:
-            return _build_answer(explain_tables(recording, effects, settings, seed), effects, settings)
-        except MisfitError as error:
-            wrong = str(error)
-    where = (_find_misfit(f"the sensor tables do not fit the nominal sensors: {wrong}"),)
+    try:
+        return _build_answer(explain_tables(recording, effects, settings, seed), effects, settings)
+    except MisfitError as error:
+        where = (_find_misfit(f"the sensor tables do not fit the nominal sensors: {error}"),)
     return SensorDiagnosis(
         "unknown", True, LEAST_POSITIVE, settings.false_alarm_rate, where, notes=(UNOBSERVABLE_ROTATION_NOTE,)
     )
@@ -199,7 +193,6 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
         if misfits or (present and not attribution)
         else list_attitude_explanations(attribution),
         residuals=tabulate_sensor_residuals(explained.fits, held),
-        explanations=tabulate_explanations(found.attribution),
     )
 
 

@@ -12,9 +12,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from diagnosis.answer import Cause, Verdict
-from diagnosis.settings import DiagnosisSettings
+from diagnosis.posterior import Attribution, CredibleGroup
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+
+
+def attribute(
+    found: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
+) -> Attribution:
+    """Decide the verdict on the attitude's causes, beside a remainder or without one, and keep those in an attribution."""
+    if not slots:
+        return replace(found, verdict="unknown", slots=())
+    if remainder:
+        return replace(found, verdict="partial", slots=slots)
+    named = all(slot.named and slot.probability >= settings.named for slot in slots)
+    return replace(found, verdict="named" if named else "group", slots=slots)
 
 
 def decide_verdict(
@@ -26,7 +40,7 @@ def decide_verdict(
     beside_remainder: bool = False,
     blind: bool = False,
 ) -> Verdict:
-    """Decide the verdict.
+    """Decide the verdict on the whole recording.
 
     Parameters
     ----------

@@ -12,19 +12,6 @@ a fault. The number of repeats by chance is known to a few percent only, which t
 
 A fault is followed by another one with the probability r = 1 − 1/size, for runs of the mean length `size`. Each of two
 neighbours may also repeat by chance, so that pairs exceed chance by r + 2 (1 − r) C of the faults.
-
-One gyro may also read the same twice while the others go on. The difference of two readings that follow each other has a
-density that is smooth at zero, be it of noise or of motion. Numbers of a format with the step q then show no difference as
-often as they show one of +q, or one of −q. Repeats n₀ beyond that third of the n₀ + n₁ differences of at most q,
-
-    P(n₀ or more) ≤ P(Binomial(n₀ + n₁, 1/3) ≥ n₀),
-
-were not read. Of numbers without a step in sight, q is the smallest difference there is. The step of floating-point numbers
-doubles where readings do, so that differences are gathered by the octave of the reading, and up to 2.5 of the smallest step are
-counted there, which makes the bound wider.
-
-Repeats on all axes are stale samples. Many zeros are a finding of their own, and the largest and smallest readings may
-be those of a clipped gyro. Readings on a lattice coarser than their noise repeat by chance. None of these counts here.
 """
 
 from __future__ import annotations
@@ -36,9 +23,7 @@ import scipy.ndimage
 import scipy.optimize
 import scipy.special
 
-from diagnosis.arrays import AXES
 from diagnosis.detectors.gap_interpolation import fill_gaps
-from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, mark_consecutive_samples
 from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
@@ -58,10 +43,6 @@ MOST = 0.5  # share of all samples that repeat by chance, above which faults can
 FEWEST = 500  # samples, below which nothing is said
 SURE = 0.9  # probability of a fault from which on a sample is bridged
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
-
-STEPS = 2.5  # of an octave's smallest difference, up to which differences are compared with none
-FEWEST_REPEATS = 10  # repeats, below which nothing is said
-WORTH = 1e-9  # of a reading: smaller differences are rounding
 
 
 @dataclass(frozen=True)
@@ -190,29 +171,27 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
 
 
 def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
-    """Find samples that repeat the one before on all axes, and bridge those that surely are faults."""
+    """Find samples that repeat the one before on all axes, and fill those that surely are faults with lines."""
     rates, gyro = stream.rates, stream.recording.gyro
     # A clipped reading stands at the largest one.
     is_largest = (np.abs(rates) >= np.abs(rates[stream.used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = find_repeats(rates, mark_consecutive_samples(stream.recording, stream.used) & ~is_largest)
-    if found is None:
+    repeats = find_repeats(rates, mark_consecutive_samples(stream.recording, stream.used) & ~is_largest)
+    if repeats is None:
         return Findings(), stream
     test = SampleTest(
-        "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
-        "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
+        "repeated_share", None, repeats.count / repeats.samples, repeats.expected / repeats.samples, repeats.p_value,
+        "repeats", f"{repeats.count} of {repeats.samples} samples repeat the one before on all axes",
     )  # fmt: skip
-    if found.p_value >= event_p:
+    if repeats.p_value >= event_p:
         return Findings((test,)), stream
-    parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind, text = "repeats", ""
-    if not is_measured(gyro.rates, found.mask):
+    if not is_measured(gyro.rates, repeats.mask):
         kind, text = "filled_samples", "samples repeat a value that is far from its neighbours, so that it was filled in"
-    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text)
-    rates, factor, density = fill_gaps(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
-    repaired = replace(
-        stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask
-    )
-    return Findings((test,), (symptom,)), repaired
+    parameters: dict[str, float | str] = {"fraction": repeats.fraction}
+    symptom = Symptom(kind, None, repeats.size, "samples", repeats.sigma, parameters, repeats.p_value, text)
+    rates, factor, density = fill_gaps(gyro.t_s, rates, repeats.mask, gyro.sample_s, stream.sigma)
+    density = stream.density * factor[:, None] + density
+    return Findings((test,), (symptom,)), replace(stream, rates=rates, density=density, filled=stream.filled | repeats.mask)
 
 
 def is_measured(rates: Array, repeated: Mask) -> bool:
@@ -227,41 +206,3 @@ def is_measured(rates: Array, repeated: Mask) -> bool:
     noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
     change = np.abs(after - before)
     return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
-
-
-def find_own_repeats(stream: Stream, formats: NumberFormats, at_zero: Mask, event_p: float) -> Findings:
-    """Find gyros whose readings repeat while those of the others change; of some, `at_zero` (3,), zeros do not count."""
-    recording, used = stream.recording, stream.used
-    rates, tests, symptoms = recording.gyro.rates, [], []
-    follows = mark_consecutive_samples(recording, used)[1:]
-    change = np.diff(rates, axis=0)
-    together = (change == 0.0).all(axis=1)
-    for axis in np.flatnonzero(~formats.coarse):
-        x = rates[1:, axis]
-        ends = (
-            ((x == 0.0) & at_zero[axis])
-            | (x == rates[used, axis].max(initial=-np.inf))
-            | (x == rates[used, axis].min(initial=np.inf))
-        )
-        own = follows & ~together & ~ends
-        repeats, p = compute_chance(x[own], change[own, axis])
-        share = repeats / max(int(own.sum()), 1)
-        text = f"gyro {AXES[axis]} reads {repeats} times the same as before while the others change"
-        tests.append(SampleTest("own_repeats", AXES[axis], repeats, 0.0, p, "own_repeats", text))
-        if p < event_p:
-            symptoms.append(Symptom("own_repeats", AXES[axis], share, "of the samples", 0.0, {}, p, text))
-    return Findings(tuple(tests), tuple(symptoms))
-
-
-def compute_chance(x: Array, change: Array) -> tuple[int, float]:
-    """Count readings x (n,) without a change from the one before, and compute the p-value that the format makes so many."""
-    repeats = int(np.sum(change == 0.0))
-    if repeats < FEWEST_REPEATS:
-        return repeats, 1.0
-    octave = np.frexp(np.abs(x) + np.abs(change))[1]
-    size = np.where(np.abs(change) > WORTH * np.abs(x), np.abs(change), np.inf)
-    near = 0
-    for one in np.unique(octave[change == 0.0]):
-        own = size[octave == one]
-        near += int(np.sum(own <= STEPS * own.min())) if np.isfinite(own.min()) else 0
-    return repeats, max(float(scipy.special.bdtrc(repeats - 1, repeats + near, 1 / 3)), IMPOSSIBLE)

@@ -1,20 +1,15 @@
-"""The decision on the noise of the samples: where they are quiet, how loud they are, and which symptoms that makes.
+"""Estimate the noise of a sample of each gyro, and find the symptoms where it is not white noise as stated.
 
-Noise that all three gyros have too much of by one factor is of one kind, and each says its part of which. Power in one band of
-the spectrum is no noise of another level, but a body that shakes with its wheels or its appendages.
-
-White noise of any level depends neither on the motion nor on the time. Each short block (`diagnosis.detectors.noise_level`) has
-one estimate of the noise power in which a motion with rough accelerations cancels: the squares of its cosines, weighted as the
-least squares of white noise beside such a motion weigh them. Blocks in six classes of equal size, by a reading, its change or
-the time, have the same mean then. An analysis of variance tests that, of each covariate; where classes are of equal size, it is
-robust against unequal variances (Box, Annals of Mathematical Statistics 25, 1954). A body that shakes while it turns has it on
-several gyros, so that a dependence of one gyro alone is reported.
+`measure_noise` compares the fit of each gyro's spectrum (`diagnosis.detectors.noise_spectrum`) with the stated noise. Noise of
+which all three gyros have too much by one factor is of one kind, and the log odds of white against readout noise are added over
+the gyros. Too much power in one band of the spectrum is no noise, but a body that shakes with its wheels or its appendages.
+`estimate_local_noise` and `find_quiet_samples` give the tests for outliers and lines a robust level and the samples at rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
@@ -23,23 +18,17 @@ import scipy.special
 from scipy.special import expit, logit
 
 from diagnosis.arrays import AXES
-from diagnosis.detectors.noise_level import (
+from diagnosis.detectors.noise_spectrum import (
     HIDDEN_TONE_FREQUENCY,
-    LEVEL_WEIGHTS,
     ORDER,
-    SAMPLES,
-    SHOWING,
     UNDECIDED,
-    WHITE_COSINES,
     Readout,
     compute_broadband_share,
-    find_zero_crossings,
-    fit_noise_level,
-    rank_calm_blocks,
+    fit_noise_spectrum,
 )
-from diagnosis.detectors.number_format import NumberFormats
+from diagnosis.detectors.number_format import Lattices
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleTest, Stream, Symptom
-from gyrocal.arrays import Array, Indices, Mask
+from gyrocal.arrays import Array, Mask
 
 HALF = 20  # samples on either side of one in the test for quiet
 # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
@@ -57,11 +46,6 @@ ONE_FACTOR = 14.0  # χ² of three noise factors with one mean, below which they
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 POSSIBLE = 0.02  # probability from which on the other kind of noise is an alternative
 
-FEWEST_BLOCKS = 150  # in six classes of 25, below which no test is made
-CLASSES = 6  # of blocks
-LARGEST = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement
-NOTABLE = 0.05  # standard deviation of the classes' means, as a share of the power, that matters; by judgement
-
 
 @dataclass(frozen=True)
 class NoiseFactor:
@@ -75,22 +59,21 @@ class NoiseFactor:
 
 
 def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
-    """(3,) robust noise of a sample that was measured, where enough were; what bridges the others has less."""
-    order = ORDER
-    if len(rates) <= order:
+    """Estimate the noise (3,) of a sample robustly from those that were measured, where enough were."""
+    if len(rates) <= ORDER:
         return np.full(3, sigma)
-    measured = ~scipy.ndimage.binary_dilation(filled, iterations=order // 2)[order // 2 : filled.size - order // 2]
+    measured = ~scipy.ndimage.binary_dilation(filled, iterations=ORDER // 2)[ORDER // 2 : filled.size - ORDER // 2]
     if measured.sum() < FEWEST:
         measured[:] = True
     # The differences of white noise have C(2d, d) times its variance.
-    scale = 0.6745 * np.sqrt(comb(2 * order, order))
-    robust = np.array([np.median(np.abs(np.diff(x, order)[measured])) for x in rates.T]) / scale
+    scale = 0.6745 * np.sqrt(comb(2 * ORDER, ORDER))
+    robust = np.array([np.median(np.abs(np.diff(x, ORDER)[measured])) for x in rates.T]) / scale
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
 
 def find_quiet_samples(rates: Array, noise: Array) -> Mask:
-    """Samples around which the mean rate does not visibly change on any axis."""
+    """Find the samples around which the mean rate does not visibly change on any axis."""
     half, moving = HALF, np.zeros(len(rates), dtype=bool)
     for axis, level in enumerate(noise):
         ahead = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=-half // 2, mode="nearest")
@@ -99,50 +82,42 @@ def find_quiet_samples(rates: Array, noise: Array) -> Mask:
     return ~scipy.ndimage.binary_dilation(moving, iterations=half)
 
 
-def measure_noise(
-    stream: Stream, formats: NumberFormats, lines: Sequence[Line], event_p: float
-) -> tuple[Findings, Array, Array]:
-    """Measure the noise of each axis of a repaired stream, beside the lines of the spectrum.
+def measure_noise(stream: Stream, lattices: Lattices, lines: Sequence[Line], event_p: float) -> tuple[Findings, Array, Array]:
+    """Measure the noise of each axis of a stream, beside the lines of the spectrum.
 
     Returns findings, and actual over stated noise of a sample and of the density that integrates to the attitude, (3,) each.
     """
     measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
-    found: dict[int, NoiseFactor] = {}
+    factors: dict[int, NoiseFactor] = {}
     for axis in range(3):
-        one = _measure_axis(stream, axis, measured, formats, [line for line in lines if line.axis == axis], event_p)
-        if one is not None:
-            found[axis] = one
+        noise = _measure_axis(stream, axis, measured, lattices, [line for line in lines if line.axis == axis], event_p)
+        if noise is not None:
+            factors[axis] = noise
     tests = tuple(
         SampleTest(
-            "noise_level", AXES[axis], one.value, 1.0, one.p_value, "white_noise_level",
-            f"the noise of the samples is {one.value:.3f} times what is stated",
+            "noise_level", AXES[axis], noise.value, 1.0, noise.p_value, "white_noise_level",
+            f"the noise of the samples is {noise.value:.3f} times what is stated",
         )
-        for axis, one in found.items()
+        for axis, noise in factors.items()
     )  # fmt: skip
-    odd = {axis: one for axis, one in found.items() if one.p_value < event_p}
-    symptoms, density = _describe(stream, odd, event_p)
-    factor = np.array([odd[axis].value if axis in odd else 1.0 for axis in range(3)])
+    departing = {axis: noise for axis, noise in factors.items() if noise.p_value < event_p}
+    symptoms, density = _describe(stream, departing, event_p)
+    factor = np.array([departing[axis].value if axis in departing else 1.0 for axis in range(3)])
     return Findings(tests, tuple(symptoms)), factor, density
 
 
 def _measure_axis(
-    stream: Stream, axis: int, measured: Mask, formats: NumberFormats, lines: Sequence[Line], event_p: float
+    stream: Stream, axis: int, measured: Mask, lattices: Lattices, lines: Sequence[Line], event_p: float
 ) -> NoiseFactor | None:
     """Measure the noise of one axis; None where its readings show none whose level could be told."""
-    sigma, step, coarse = stream.sigma, float(formats.steps[axis]), bool(formats.coarse[axis])
+    sigma, step, coarse = stream.sigma, float(lattices.steps[axis]), bool(lattices.coarse[axis])
     expected = sigma**2 + (step**2 / 12 if coarse else 0.0)
-    x, where = stream.rates[:, axis].copy(), measured
-    for line in lines:
-        x -= line.waveform
-        if (
-            line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY
-        ):  # where it was not taken out, it is in the blocks
-            where = where & (line.waveform != 0.0)
-    if formats.may_be_cut[axis]:
-        where = where & _is_off_zero(x, step, sigma)
+    x, shown = _remove_lines(stream, axis, measured, lines)
+    if lattices.may_bias[axis]:
+        shown = shown & _is_off_zero(x, step, sigma)
     gyro = stream.recording.gyro
     degrees = gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else np.inf
-    level = fit_noise_level(x, stream.find_arcs(where), expected, degrees)
+    level = fit_noise_spectrum(x, stream.find_arcs(shown), expected, degrees)
     if level is None or (coarse and level.variance < RESOLVED * step**2):
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))
@@ -155,6 +130,17 @@ def _measure_axis(
     bound = 0.5 * UNDECIDED
     odds = -bound if readout is None else max(float(logit(readout.probability)), -bound)
     return NoiseFactor(factor, 0.5 * level.sigma / sigma**2 / factor, p, readout, odds)
+
+
+def _remove_lines(stream: Stream, axis: int, measured: Mask, lines: Sequence[Line]) -> tuple[Array, Mask]:
+    """Remove lines from the readings of one axis (n,), and choose the samples (n,) in which none is left."""
+    x, shown = stream.rates[:, axis].copy(), measured
+    for line in lines:
+        x -= line.waveform
+        # A line that is this fast is in the blocks of the spectrum, where it could not be removed.
+        if line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY:
+            shown = shown & (line.waveform != 0.0)
+    return x, shown
 
 
 def _is_off_zero(x: Array, step: float, sigma: float) -> Mask:
@@ -213,102 +199,3 @@ def _describe_readout(
         text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
         found.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p, text))
     return found, white**2
-
-
-def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p: float) -> tuple[Findings, Array]:
-    """Test whether the noise level of a gyro depends on readings, their change, or the time.
-
-    The stream is without the tones of the spectrum. Measured samples (n,) of the gyros whose noise is that of M0 but for its
-    level, `tested` (3,), count. Returns findings, and the p-value of each gyro (3,), 1 where it is not tested.
-    """
-    length = SAMPLES + ORDER
-    begins = [np.arange(low, high - length + 1, SAMPLES) for low, high in stream.find_arcs(measured)]
-    begin = np.concatenate([np.zeros(0, dtype=np.intp), *begins]).astype(np.intp)
-    p_values, sizes, texts = np.ones(3), np.zeros(3), [""] * 3
-    for axis in np.flatnonzero(tested):
-        p_values[axis], sizes[axis], texts[axis] = _test_axis(stream, begin[:, None] + np.arange(length), int(axis))
-    tests = tuple(
-        SampleTest("noise_dependence", AXES[axis], float(sizes[axis]), 0.0, float(p_values[axis]), "noise_pattern", texts[axis])
-        for axis in range(3)
-        if texts[axis]
-    )
-    departing = (p_values < event_p) & (sizes > NOTABLE)
-    if not departing.any():  # a dependence too small to matter is none
-        return Findings(tests), np.where(sizes > NOTABLE, p_values, 1.0)
-    if np.count_nonzero(departing) > 1:
-        return Findings(tests), np.ones(3)
-    one = int(np.argmax(departing))
-    found = Symptom("noise_pattern", AXES[one], float(sizes[one]), "of its power", 0.0, {}, float(p_values[one]), texts[one])
-    return Findings(tests, (found,)), np.where(departing, p_values, 1.0)
-
-
-def lower_likeness(symptoms: tuple[Symptom, ...], p_values: Array) -> tuple[Symptom, ...]:
-    """Lower the likeness of noise of another level where the level depends on something: that is white noise of no level."""
-    out = []
-    for one in symptoms:
-        if one.kind in ("white_noise_level", "readout_noise"):
-            p = min(1.0, 3 * float(p_values.min())) if one.axis is None else float(p_values[AXES.index(one.axis)])
-            out.append(replace(one, likeness=min(one.likeness, p)))
-        else:
-            out.append(one)
-    return tuple(out)
-
-
-def _test_axis(stream: Stream, window: Indices, axis: int) -> tuple[float, float, str]:
-    """Test one gyro: the smallest p-value times the number of covariates, its size and a sentence; no text if untested."""
-    if len(window) < FEWEST_BLOCKS:
-        return 1.0, 0.0, ""
-    x = stream.rates[window, axis]
-    cosines = np.diff(x, ORDER, axis=1) @ WHITE_COSINES.T
-    calm = np.zeros(len(x), dtype=bool)
-    calm[rank_calm_blocks(cosines)] = True
-    calm &= ~find_zero_crossings(x, stream.sigma)
-    if np.count_nonzero(calm) < FEWEST_BLOCKS:
-        return 1.0, 0.0, ""
-    window, power = window[calm], cosines[calm, :SHOWING] ** 2 @ LEVEL_WEIGHTS
-    usual = float(np.median(power))
-    if usual <= 0:
-        return 1.0, 0.0, ""
-    power = np.minimum(power / usual, 1 + LARGEST * np.sqrt(2 * np.sum(LEVEL_WEIGHTS**2)))
-    found = []
-    for name, values in _list_covariates(stream, window, axis):
-        classes = np.array_split(np.argsort(values, kind="stable"), CLASSES)
-        if values[classes[-1]].min() <= values[classes[0]].max():  # nearly all blocks have the same value
-            continue
-        found.append((*_compare_means([power[own] for own in classes]), name))
-    if not found:
-        return 1.0, 0.0, ""
-    p, size, name = min(found)
-    return max(min(1.0, len(found) * p), IMPOSSIBLE), size, f"the noise level of gyro {AXES[axis]} depends on {name}"
-
-
-def _list_covariates(stream: Stream, window: Indices, axis: int) -> list[tuple[str, Array]]:
-    """List what the level may depend on, with a value for each block."""
-    gyro = stream.recording.gyro
-    means = stream.rates[window].mean(axis=1)
-    half, order = window.shape[1] // 2, ORDER
-    own = stream.rates[window, axis]
-    change = own[:, -order:].mean(axis=1) - own[:, :order].mean(axis=1)
-    t_s = gyro.t_s[window[:, half]]
-    begins = np.array([one.start_s for one in stream.recording.intervals])
-    since = t_s - begins[np.maximum(np.searchsorted(begins, t_s, side="right") - 1, 0)]
-    of_size = [("the size of its reading" if k == axis else f"the size of the reading of gyro {AXES[k]}", k) for k in range(3)]
-    return [
-        *((name, np.abs(means[:, k])) for name, k in of_size),
-        ("its reading", means[:, axis]),
-        ("the change of its reading", np.abs(change)),
-        ("the time", t_s),
-        ("the time since an interval's start", since),
-    ]
-
-
-def _compare_means(classes: list[Array]) -> tuple[float, float]:
-    """Compare the means of classes by an analysis of variance: p-value, and standard deviation of the means in terms of all."""
-    count, total = len(classes), sum(one.size for one in classes)
-    everything = np.concatenate(classes)
-    means = np.array([one.mean() for one in classes])
-    between = sum(one.size * (mean - everything.mean()) ** 2 for one, mean in zip(classes, means, strict=True)) / (count - 1)
-    within = sum(float(np.sum((one - mean) ** 2)) for one, mean in zip(classes, means, strict=True)) / (total - count)
-    p = float(scipy.special.fdtrc(count - 1, total - count, between / max(within, 1e-300)))
-    noise = within * count / total  # of a mean
-    return p, float(np.sqrt(max(means.var(ddof=1) - noise, 0.0)) / max(everything.mean(), 1e-300))

@@ -42,7 +42,7 @@ class Symptom:
     probability: float = 1.0  # that an effect is at work and not a motion of the body, where that was weighed
     # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
-    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.sample_noise`)
+    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Stream:
-    """A stream of three gyros, repaired so far."""
+    """A stream of three gyros, in which lines stand in for the samples that were not measured so far."""
 
     recording: Recording  # as recorded
     rates: Array  # rates, density: (n, 3) rad/s, and noise density, rad²/s
@@ -92,20 +92,20 @@ class Stream:
 
 @dataclass(frozen=True)
 class SampleReport:
-    """What the samples show, and the stream with it repaired as far as that goes."""
+    """What the samples show, and the stream with lines in place of samples that were not measured."""
 
     tests: tuple[SampleTest, ...]  # tests, symptoms: all statistics, and the departures they establish
     symptoms: tuple[Symptom, ...]
-    rates: Array  # (n, 3) repaired raw rates, rad/s
-    density: Array  # (n, 3) noise density of each repaired sample, rad²/s
+    rates: Array  # (n, 3) raw rates, filled, rad/s
+    density: Array  # (n, 3) noise density of each sample, rad²/s
     filled: Mask  # (n,) samples that something was put in place of
     noise_factor: Array  # (3,) actual white noise relative to the stated one
     noise: Array  # (3,) noise of a sample as it shows, rad/s
-    # (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the residuals in
+    # (n, 3) filled raw rates without their noise: what effects follow, since a regressor with the noise of the residuals in
     # it would explain that noise
     smooth: Array
-    hidden: Mask  # (3,) whether a coarse lattice hides the gyro's slow motion for long
-    lattice: Mask  # (3,) whether readings lie on one that is coarser than the noise
+    coarse_steps: Array  # (3,) step of a lattice that readings lie on and that hides slow motion, rad/s; zero of others
+    cut_steps: Array  # (3,) step that readings may have been cut to, if half of it matters, rad/s; zero of others
     lines: tuple[Line, ...]  # lines of the spectrum; a body that moves so shows them as well as an error of the gyro
 
 

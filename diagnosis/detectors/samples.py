@@ -16,16 +16,10 @@ import scipy.ndimage
 
 from diagnosis.arrays import AXES
 from diagnosis.detectors.noise_removal import remove_noise
-from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
+from diagnosis.detectors.number_format import Lattices, find_lattices
 from diagnosis.detectors.outliers import find_outliers
-from diagnosis.detectors.repeats import bridge_repeats, find_own_repeats
-from diagnosis.detectors.sample_noise import (
-    estimate_local_noise,
-    find_noise_dependence,
-    find_quiet_samples,
-    lower_likeness,
-    measure_noise,
-)
+from diagnosis.detectors.repeats import bridge_repeats
+from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples, measure_noise
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Findings, Line, SampleReport, SampleTest, Stream, Symptom
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -33,7 +27,6 @@ from gyrocal.arrays import Array, Mask
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Recording
-from simulator.effects.recording_view import find_interval_slices
 
 # of samples that read exactly zero beside others that do not come near it
 FEWEST_STRETCHES = 3  # of zeros
@@ -46,70 +39,65 @@ HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 
 
 def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
-    """Test all samples of a recording, and repair the stream."""
+    """Test all samples of a recording, and bridge those that were not measured."""
     gyro, used = recording.gyro, mark_interval_samples(recording)
     density = np.full(gyro.rates.shape, gyro.arw**2)
     stream = Stream(recording, gyro.rates.copy(), density, np.zeros(gyro.t_s.size, dtype=bool), used)
     repeated, stream = bridge_repeats(stream, settings.sample_event)
-    formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma)
-    sigma, found, factor, hidden = stream.sigma, [repeated, formats.describe()], np.ones(3), np.zeros(3, dtype=bool)
-    lines: tuple[Line, ...] = ()
+    sigma, factor = stream.sigma, np.ones(3)
+    lattices = find_lattices(gyro.rates[used], sigma)
+    findings, lines = [repeated, lattices.describe()], tuple[Line, ...]()
     if sigma > 0:
-        stream, noisy, lines, factor, hidden = _examine_noise(stream, formats, settings)
-        found += noisy
+        stream, noisy, lines, factor = _examine_noise(stream, lattices, settings)
+        findings += noisy
+    stream = lattices.add_noise(stream)
     return SampleReport(
-        tests=tuple(test for one in found for test in one.tests),
-        symptoms=tuple(symptom for one in found for symptom in one.symptoms),
+        tests=tuple(test for one in findings for test in one.tests),
+        symptoms=tuple(symptom for one in findings for symptom in one.symptoms),
         rates=stream.rates,
         density=stream.density,
         filled=stream.filled,
         noise_factor=factor,
         noise=sigma * factor,
         smooth=remove_noise(stream.rates, recording),
-        hidden=hidden,
-        lattice=formats.steps > HIDING * sigma,
+        coarse_steps=np.where(lattices.steps > HIDING * sigma, lattices.steps, 0.0),
+        cut_steps=np.where(lattices.may_bias, lattices.steps, 0.0),
         lines=lines,
     )
 
 
 def _examine_noise(
-    stream: Stream, formats: NumberFormats, settings: DiagnosisSettings
-) -> tuple[Stream, list[Findings], tuple[Line, ...], Array, Mask]:
+    stream: Stream, lattices: Lattices, settings: DiagnosisSettings
+) -> tuple[Stream, list[Findings], tuple[Line, ...], Array]:
     """Look for all that shows in the noise of the samples or behind it.
 
-    Returns the repaired stream, findings, lines, the (3,) actual over stated noise of a sample, and which gyros (3,) have a
-    coarse lattice that hides their slow motion for long.
+    Returns the stream with outliers bridged, findings, lines, and the (3,) actual over stated noise of a sample.
     """
-    sigma, coarse, event_p = stream.sigma, formats.coarse, settings.sample_event
-    zeros, near_zeros = find_zeros(stream, formats)
-    at_zero = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
-    held = find_own_repeats(stream, formats, at_zero, event_p)
-    local = estimate_local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
+    sigma, coarse, event_p = stream.sigma, lattices.coarse, settings.sample_event
+    zeros, near_zeros = find_zeros(stream, lattices)
+    local = estimate_local_noise(stream.rates, sigma, coarse, lattices.steps, stream.filled)
     # Of readings beside zeros, some were made zeros: the jumps there are neither noise nor motion.
     stream = replace(stream, used=stream.used & ~near_zeros)
     still = stream.used & find_quiet_samples(stream.rates, local)
-    steps = np.where(coarse, formats.steps, 0.0)
+    steps = np.where(coarse, lattices.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p)
-    lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line)
-    levels, factor, more = measure_noise(stream, formats, lines, event_p)
-    dependence, p_values = find_noise_dependence(*_choose_noise(stream, formats, lines), event_p)
-    levels = replace(levels, symptoms=lower_likeness(levels.symptoms, p_values))
-    stream, hidden = undo_lattices(replace(stream, density=stream.density * more), formats)
-    return stream, [held, outliers, tests, levels, dependence, zeros], lines, factor, hidden
+    lines, tests = find_lines(stream, still, lattices.steps > HIDING * sigma, settings.line)
+    levels, factor, more = measure_noise(stream, lattices, lines, event_p)
+    return replace(stream, density=stream.density * more), [outliers, tests, levels, zeros], lines, factor
 
 
-def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
+def find_zeros(stream: Stream, lattices: Lattices) -> tuple[Findings, Mask]:
     """Find readings that are exactly zero more often than noise allows, on no coarse lattice; also samples (n,) beside them.
 
     Zeros beside readings that are as good as zero are no exception, and a number format has zeros beside its first step. A gyro
     that stops reads zero in one stretch.
     """
     tests, symptoms, near = [], [], np.zeros(len(stream.rates), dtype=bool)
-    for axis in np.flatnonzero(~formats.coarse):
+    for axis in np.flatnonzero(~lattices.coarse):
         zero = (stream.recording.gyro.rates[:, axis] == 0.0) & stream.used
         sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
         smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
-        is_away = smallest > max(OF_NOISE * stream.sigma, FIRST_STEPS * float(formats.steps[axis]))
+        is_away = smallest > max(OF_NOISE * stream.sigma, FIRST_STEPS * float(lattices.steps[axis]))
         count = int(zero.sum())
         odd = is_away and sizes.size > FEWEST_OTHERS and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
         p, text = IMPOSSIBLE if odd else 1.0, f"{count} samples read exactly zero"
@@ -119,12 +107,3 @@ def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
             text = f"readings are exactly zero more often than noise allows, {AXES[axis]}: {count} samples"
             symptoms.append(Symptom("zero_samples", AXES[axis], count, "samples", 0.0, {}, IMPOSSIBLE, text))
     return Findings(tuple(tests), tuple(symptoms)), near
-
-
-def _choose_noise(stream: Stream, formats: NumberFormats, lines: tuple[Line, ...]) -> tuple[Stream, Mask, Mask]:
-    """Choose readings without tones, samples that were measured, and gyros in which nothing but noise is in the blocks."""
-    rates = stream.rates.copy()
-    for line in lines:
-        rates[:, line.axis] -= line.waveform
-    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
-    return replace(stream, rates=rates), measured, ~formats.coarse

@@ -1,1 +1,1 @@
-"""Inference on a linear model: candidates, evidence, search, attribution, amplitudes, closure."""
+"""Inference on a linear model: candidates, evidence, search, amplitudes, closure."""

@@ -9,21 +9,20 @@ kept.
 A place of the set has a posterior of its own (a single-effect regression: Wang, Sarkar, Carbonetto and Stephens, JRSS B 82,
 2020): with all other members held, every candidate may stand in it, or nothing. Instead of a member whose scale is known, the
 other members may also grow, and random errors may enter: the best set without it, found by the same search, is one more
-alternative.
+alternative. `diagnosis.posterior` makes the probabilities of a place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.answer import label_by_character
-from diagnosis.inference.attribution import CredibleGroup, RankedExplanation, rank_explanations
 from diagnosis.inference.refinement import refine_model
 from diagnosis.inference.search import BASELINE_EXPLANATION, SCREEN_COLUMNS, Explanation, Search
-from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.posterior import CredibleGroup, RankedExplanation, build_slot, compute_place_posterior, rank_explanations
 from diagnosis.settings import DiagnosisSettings
 
 MOST_EFFECTS = 5  # listed effects with a shape among them
@@ -31,8 +30,6 @@ MOST_RIVALS = 2  # members without a name that may stand in one place together
 MOST_SHAPES = 3  # effects that may enter in the place of one member
 WEAK = 10.0  # log posterior that a member adds, above which it is not tried to do without
 OPTIMISED = 3  # candidates of each step whose sets are optimised before one is chosen
-TIME_CONSTANT = "time_constant_s"  # parameter of random errors without a name that a listed process may be one of
-LEAST_POSITIVE = 1e-300
 LEFT_OUT = 12.0  # log posterior below the likeliest, from which on a candidate has no share of a place
 HOPELESS = 50.0  # the same, from which on a second member beside it would not make up for it
 SETTLED = 1e-6  # gain of log posterior below which an exchange is none
@@ -98,9 +95,7 @@ class JointSearch:
         nearest = next((one.log_posterior for one in screened if unlisted(next(iter(one.key - held.key)))), -np.inf)
         if self.is_shape(member.candidate) and nearest > children[member.candidate].log_posterior - HOPELESS:
             rival = self._grow(self._optimise(others), unlisted, MOST_RIVALS).log_posterior
-        norm = float(np.logaddexp.reduce([rival, *logs.values()]))
-        shares = {number: float(np.exp(value - norm)) for number, value in logs.items()}
-        return Place(member, shares, float(np.exp(rival - norm)))
+        return Place(member, *compute_place_posterior(logs, rival))
 
     def prefer_listed(self, best: Explanation) -> Explanation:
         """Put the likeliest listed effect in each place in which listed effects have more of the posterior than others."""
@@ -109,7 +104,7 @@ class JointSearch:
             if member is None:
                 continue
             place = self.compute_place(best, member)
-            slot, _ = build_slot(self.model, place, self.search.settings)
+            slot, _ = build_slot(self.model.candidates, member, place.shares, self.search.settings)
             top = member.candidate if slot is None else self.model.find(slot.group[0][0])
             if top is not None and top != member.candidate:
                 others = tuple(one for one in best.members if one != member)
@@ -198,7 +193,7 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
     slots: list[CredibleGroup] = []
     remainder, unlisted = [], []
     for place in places:
-        slot, p = build_slot(joint.model, place, settings)
+        slot, p = build_slot(joint.model.candidates, place.member, place.shares, settings)
         unlisted.append(p)
         # A later exchange may have made listed effects likelier in the place of a member without a name, which stays one.
         if slot is None or not joint.model.candidate(place.member).listed:
@@ -210,62 +205,3 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
     others = {one: tuple(other for other in best.members if other != one) for one in best.members}
     evidence = {one.candidate: joint.search.score(one.candidate, beside).average for one, beside in others.items()}
     return Inferred(joint.model, best, tuple(slots), tuple(remainder), unknown, ranked, evidence)
-
-
-def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) -> tuple[CredibleGroup | None, float]:
-    """Build the credible group of a place, None where unlisted errors are likelier; and the probability of these."""
-    listed = {number: p for number, p in place.shares.items() if model.candidates[number].listed}
-    for own in group_processes(model, place.shares):
-        named = compute_named_share(model, {number: place.shares[number] for number in own}, settings)
-        total = sum(place.shares[number] for number in own)
-        known = sum(listed.get(number, 0.0) for number in own)
-        listed |= {number: listed[number] * named * total / known for number in own if number in listed and known > 0}
-    total = sum(listed.values())
-    if total < 1 - settings.unknown:
-        return None, 1 - total
-    characters = {number: sum_character(model, place.shares, number) for number in listed if model.candidates[number].process}
-    stated = {number: characters.get(number, p) for number, p in listed.items()}
-    top = max(stated, key=lambda number: (stated[number], listed[number]))
-    alike = [number for number in characters if is_alike(model.candidates[number], model.candidates[top])] or [top]
-    # Processes that are stated by their character come first, and then what else may stand in the place.
-    order = sorted(listed, key=lambda number: (number not in alike, -listed[number]))
-    group = [number for number in order if number == top or listed[number] > settings.group_share * total]
-    group = group[: settings.largest_group]
-    beside = sum(listed[number] for number in group if number not in alike)
-    shown = tuple((model.candidates[number].label, listed[number]) for number in group)
-    unlisted = 1 - (total if top not in characters else stated[top])
-    return CredibleGroup(place.member, stated[top], stated[top] + beside, shown, place.shares, top not in characters), unlisted
-
-
-def sum_character(model: LinearModel, shares: Mapping[int, float], number: int) -> float:
-    """Sum the probabilities of all random processes of the side and axis of one, listed or not."""
-    return sum(p for other, p in shares.items() if is_alike(model.candidates[other], model.candidates[number]))
-
-
-def is_alike(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates are random processes of one side and axis."""
-    return one.process and other.process and label_by_character(one.label) == label_by_character(other.label)
-
-
-def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[list[int]]:
-    """Group random processes of one side and axis, listed ones and the kernels without a name, by their numbers."""
-    groups: dict[tuple[bool, str | None], list[int]] = {}
-    for number in shares:
-        entry = model.candidates[number]
-        if entry.process and (entry.listed or TIME_CONSTANT in entry.options[0].parameters):
-            groups.setdefault((entry.effect.startswith("reference"), entry.axis), []).append(number)
-    return [own for own in groups.values() if any(model.candidates[number].listed for number in own)]
-
-
-def compute_named_share(model: LinearModel, shares: Mapping[int, float], settings: DiagnosisSettings) -> float:
-    """Compute the share of listed processes among random processes of one side and axis.
-
-    A process without a name may have any statistics, those of a listed one among them: its evidence is the mean of all, that of
-    what is on the list the mean of the listed ones.
-    """
-    prior = {number: float(np.exp(model.candidates[number].log_prior)) for number in shares}
-    listed = [number for number in shares if model.candidates[number].listed]
-    of_listed = sum(shares[number] for number in listed) / sum(prior[number] for number in listed)
-    of_all = sum(shares.values()) / sum(prior.values())
-    odds = settings.unlisted_share / (1 - settings.unlisted_share) * of_all / max(of_listed, LEAST_POSITIVE)
-    return 1 / (1 + odds)

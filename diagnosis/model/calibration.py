@@ -90,7 +90,7 @@ def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]
     numbers = np.unique(fold)
     if numbers.size < 2:
         return np.zeros(12)
-    nuisance = np.hstack([model.starts, model.line_columns])
+    nuisance = np.hstack([model.starts, model.error_columns])
     Z, y = np.hstack([model.calibration, *(fitted.columns for fitted in effects), nuisance]), model.whiten(model.zeta)
     variances = [np.full(effect.columns.shape[1], 1 / effect.prior_sigma**2) for effect in effects]
     prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *variances, np.zeros(nuisance.shape[1])])
@@ -105,7 +105,7 @@ def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]
 
 def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
     """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
-    Q = np.linalg.qr(np.hstack([model.starts, model.line_columns]))[0]
+    Q = np.linalg.qr(np.hstack([model.starts, model.error_columns]))[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
     y = model.whiten(model.zeta)

@@ -164,7 +164,7 @@ def assign_folds(model: RecordingModel) -> Indices:
 def build_shared_columns(model: RecordingModel) -> Array:
     """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b and lines."""
     scale = np.concatenate([np.full(model.starts.shape[1], START), BROAD * PLAUSIBLE_RANGE])
-    return np.hstack([np.hstack([model.starts, model.calibration]) * scale, model.line_columns])
+    return np.hstack([np.hstack([model.starts, model.calibration]) * scale, model.error_columns])
 
 
 def _solve_lower(factor: Array, values: Array) -> Array:

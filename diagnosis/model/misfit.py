@@ -54,8 +54,8 @@ OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothe
 
 def check_baseline(model: RecordingModel) -> tuple[Check, ...]:
     """Test M0's innovations of all references, beside the lines in the readings; no tests where there are too few."""
-    lines = [] if model.lines is None else [model.compute_attitude_turns(model.lines)]
-    e, later, taken = compute_innovations(model, lines)
+    errors = [] if model.nuisance_errors is None else [model.compute_attitude_turns(model.nuisance_errors)]
+    e, later, taken = compute_innovations(model, errors)
     innovations = Innovations(e, taken.reshape(*e.shape, -1))
     if innovations.dof < FEWEST:
         return ()

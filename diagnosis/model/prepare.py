@@ -39,8 +39,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.arrays import AXES
 from diagnosis.detectors.noise_removal import remove_noise
+from diagnosis.detectors.number_format import compute_cut_error
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, estimate_reference_noise
 from diagnosis.detectors.sample_report import Line, SampleReport
 from diagnosis.detectors.samples import examine
@@ -112,7 +112,7 @@ def _write_notes(found: PreparedRecording) -> Iterator[str]:
 class PreparedRecording:
     """A recording ready for the attitude tests."""
 
-    model: RecordingModel  # linearised about the calibration, on the repaired stream
+    model: RecordingModel  # linearised about the calibration, on the filled stream
     samples: SampleReport  # what the samples showed
     sigma: Array  # (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
     reference_noise: ReferenceNoise | None  # test of the references' noise, None without a series of them
@@ -127,7 +127,7 @@ class PreparedRecording:
     @property
     def is_white(self) -> bool:
         """Whether the readings have white noise; those on a lattice coarser than it have errors that are not."""
-        return not (self.samples.lattice | self.samples.hidden).any()
+        return not self.samples.coarse_steps.any()
 
 
 def classify_noise(
@@ -140,16 +140,15 @@ def classify_noise(
     factors = np.ones(3) if noise is None else noise.factors
     if (factors != 1.0).any():
         model, sigma = calibrate_baseline(recording, report, stated * factors)
-    if not (report.lattice | report.hidden).any():  # what these do to a reading is no noise of a known density
+    if report.coarse_steps.any():  # what these do to a reading is no noise of a known density
+        model = add_rounding(model, report.coarse_steps)
+    else:
         model = add_expected_motion(model, report, stated * factors)
-    elif report.lattice.any():
-        steps = {one.axis: one.value for one in report.tests if one.statistic == "lattice_step"}
-        coarse = np.where(report.lattice, [steps.get(axis, 0.0) for axis in AXES], 0.0)
-        model = add_rounding(model, np.deg2rad(coarse))
     # Lines that are faster than the scan of periods would pass for slow ones.
     grid = make_grid(model)
     fast = [] if grid is None else [line for line in report.lines if line.frequency_hz > grid.tried.max()]
-    return PreparedRecording(replace(model, lines=_build_line_errors(model, fast) if fast else None), report, sigma, noise, ())
+    errors = np.concatenate([_build_line_errors(model, fast), _build_cut_errors(model, report.cut_steps)], axis=2)
+    return PreparedRecording(replace(model, nuisance_errors=errors if errors.size else None), report, sigma, noise, ())
 
 
 def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
@@ -158,6 +157,15 @@ def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
     sample = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     for place, line in enumerate(lines):
         out[:, line.axis, place] = line.waveform[sample]
+    return out
+
+
+def _build_cut_errors(model: RecordingModel, steps: Array) -> Array:
+    """(n, 3, k) readings that are too high by what cutting them toward zero to steps (3,) does, rad/s; none for zero steps."""
+    axes, gyro = np.flatnonzero(steps), model.recording.gyro
+    out = np.zeros((model.t_s.size, 3, axes.size))
+    for place, axis in enumerate(axes):
+        out[:, axis, place] = compute_cut_error(model.raw[:, axis], steps[axis], gyro.arw / float(np.sqrt(gyro.sample_s)))
     return out
 
 
@@ -173,7 +181,7 @@ def reclassify_without_effects(
 
 def _measure_reference_noise(model: RecordingModel, report: SampleReport, settings: DiagnosisSettings) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
-    blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
+    blind = set(np.flatnonzero(report.coarse_steps).tolist())
     recording, density = model.recording, np.median(report.density, axis=0)
     series = ReferenceSeries(
         t_s=model.references.t_s,

@@ -102,8 +102,9 @@ class RecordingModel:
     off: Array  # (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
     errors: Array  # (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
     walk: Array  # (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
-    # (n, 3, k) lines in the readings, nuisance parameters: too fast for a scan of periods, they would pass for slow ones
-    lines: Array | None = None
+    # (n, 3, k) errors of the readings whose sizes are nuisance parameters, rad/s: lines that are too fast for a scan of periods
+    # and would pass for slow ones, and half steps of readings that may have been cut toward zero
+    nuisance_errors: Array | None = None
 
     @property
     def size(self) -> int:
@@ -267,12 +268,12 @@ class RecordingModel:
     @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        return build_basis(np.hstack([self.starts, self.calibration, self.line_columns]))
+        return build_basis(np.hstack([self.starts, self.calibration, self.error_columns]))
 
     @cached_property
-    def line_columns(self) -> Array:
-        """(N, k) whitened columns of the lines, each of the size that it has in the readings."""
-        return np.zeros((self.size, 0)) if self.lines is None else self.whiten(self.reading(self.lines))
+    def error_columns(self) -> Array:
+        """(N, k) whitened columns of the nuisance errors, each of its usual size."""
+        return np.zeros((self.size, 0)) if self.nuisance_errors is None else self.whiten(self.reading(self.nuisance_errors))
 
     def project_out_nuisance(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""

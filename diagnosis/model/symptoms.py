@@ -1,4 +1,6 @@
-"""Causes that the samples show: each symptom has one posterior over the effects that claim it and the alternatives.
+"""Causes that the samples show: the symptoms, the effects that claim them, and what effects make of one another's symptoms.
+
+Each symptom has one posterior over the effects that claim it and the alternatives (`diagnosis.posterior`).
 
 The evidence of a symptom is a test with a p-value under M0, such as readings that lie on a lattice, which noise cannot do. It
 says little of the attitude and the attitude little of it, so that the two are separate parts of one likelihood and need no
@@ -7,7 +9,6 @@ common search.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,51 +17,13 @@ import numpy as np
 from diagnosis.answer import Cause, Finding
 from diagnosis.arrays import AXES
 from diagnosis.detectors.sample_report import SampleTest, Symptom
-from diagnosis.inference.attribution import compute_bayes_factor_bound
 from diagnosis.model.prepare import PreparedRecording
+from diagnosis.posterior import SymptomPosterior, SymptomSummary, compute_symptom_posterior
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recording_view import find_interval_slices
 
 OF_NOISE = ("white_noise_level", "readout_noise")
-LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
-
-TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
-
-
-@dataclass(frozen=True)
-class SymptomPosterior:
-    """Posterior probabilities of a symptom's explanations; they add up to one."""
-
-    listed: float  # the effect that claims it, or a listed rival
-    unlisted: float  # something unlisted
-    motion: float  # a motion of the body
-    chance: float  # noise of M0
-
-
-def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bool = True) -> SymptomPosterior:
-    """Compute the posterior of a symptom's explanations from prior odds and Bayes factors.
-
-    Every explanation is weighed against the listed effects, whose weight is one. A symptom that no effect claims is that of
-    something unlisted with the same weight.
-
-    - *Chance.* One more effect has the prior odds π/(1 − π), spread over `TESTS`. Under M0 the p-value is uniform. Where an
-      effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
-      (Sellke, Bayarri and Berger, American Statistician 55, 2001). The weight is the inverse of prior odds times that factor.
-    - *Unlisted.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
-      has any power law under something unlisted, which gives the Bayes factor of `compute_bayes_factor_bound`; without such a
-      test it is one.
-    - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
-      (1 − r)/r.
-    """
-    prior = settings.another / (1 - settings.another) / TESTS
-    p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
-    chance = -math.e * p * np.log(p) / prior
-    behaviour = compute_bayes_factor_bound(symptom.likeness) if symptom.likeness < 1 else 1.0
-    unlisted = settings.unlisted_in_samples / (1 - settings.unlisted_in_samples) / behaviour
-    motion = 1 / max(symptom.probability, LEAST_P) - 1
-    weights = np.array([1.0, unlisted, motion, chance] if claimed else [0.0, 1.0, motion, chance])
-    return SymptomPosterior(*(weights / weights.sum()).tolist())
 
 
 @dataclass(frozen=True)
@@ -74,8 +37,15 @@ class SampleCause:
 
     def compute_listed(self, settings: DiagnosisSettings) -> float:
         """Compute the probability that listed effects make the symptom; where none claims it, that nothing unlisted does."""
-        posterior = compute_posterior(self.symptom, settings, self.effect is not None)
+        posterior = weigh_symptom(self.symptom, settings, self.effect is not None)
         return posterior.listed if self.effect is not None else 1 - posterior.unlisted
+
+    def summarise(self, settings: DiagnosisSettings) -> SymptomSummary:
+        """Summarise the probabilities of the symptom for those of explanations."""
+        kind = "noise" if self.symptom.kind in OF_NOISE else self.symptom.kind
+        shares = (self.share, *(share for _, share in self.rivals))
+        labels = self.cause(settings).group if self.effect is not None else ()
+        return SymptomSummary(kind, self.compute_listed(settings), tuple(zip(labels, shares, strict=False)))
 
     @property
     def share(self) -> float:
@@ -88,11 +58,16 @@ class SampleCause:
         symptom = self.symptom
         names = (self.effect, *(name for name, _ in self.rivals))
         group = tuple(name if symptom.axis is None else f"{name}:{symptom.axis}" for name in names)
-        probability = compute_posterior(symptom, settings).listed
+        probability = weigh_symptom(symptom, settings).listed
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
             probability * self.share, group, probability,
         )  # fmt: skip
+
+
+def weigh_symptom(symptom: Symptom, settings: DiagnosisSettings, claimed: bool = True) -> SymptomPosterior:
+    """Compute the posterior of a symptom's explanations, see `diagnosis.posterior.compute_symptom_posterior`."""
+    return compute_symptom_posterior(symptom.p_value, symptom.likeness, symptom.probability, settings, claimed)
 
 
 def list_sample_causes(
@@ -104,30 +79,40 @@ def list_sample_causes(
     with the probability which the own test leaves. Symptoms that chance or a motion makes with more than half of the
     probability are left out.
     """
-    of_samples, tests, view = prepared.samples.symptoms, prepared.samples.tests, _build_prepared_view(prepared)
+    symptoms, view = prepared.samples.symptoms, _build_prepared_view(prepared)
     if prepared.model.recording.gyro.arw_estimated:  # an import's estimate departs from itself by its error
-        of_samples = tuple(one for one in of_samples if one.kind != "white_noise_level")
-    claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
+        symptoms = tuple(one for one in symptoms if one.kind != "white_noise_level")
     own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
-    found = []
-    for one in (*of_samples, *list_reference_symptoms(prepared)):
-        effect = claims.get(one.kind)
-        explained = [
-            compute_posterior(other.symptom, settings).listed for other in own if effect is not None and other.effect == effect
-        ]
-        if effect in own_test:
-            effect = None
-        weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
+    causes = []
+    for symptom in (*symptoms, *list_reference_symptoms(prepared)):
+        claimants = _list_claimants(symptom.kind, effects)
+        explained = [weigh_symptom(one.symptom, settings).listed for one in own if one.effect in claimants]
+        weighed = replace(symptom, probability=symptom.probability * (1 - max(explained, default=0.0)))
         if _is_more_than_chance(weighed, settings):
-            rivals = tuple((claims[kind], share) for kind, share in one.rivals if kind in claims)
-            found.append(SampleCause(weighed, effect, _build_finding(tests, one), rivals))
-    return (*found, *own)
+            names = [name for name in claimants if name not in own_test]
+            finding = _build_finding(prepared.samples.tests, symptom)
+            causes.append(SampleCause(weighed, names[0] if names else None, finding, _list_rivals(names, symptom, effects)))
+    return (*causes, *own)
+
+
+def _list_claimants(kind: str, effects: Sequence[Effect]) -> list[str]:
+    return [effect.name for effect in effects if effect.symptom == kind]
+
+
+def _list_rivals(names: Sequence[str], symptom: Symptom, effects: Sequence[Effect]) -> tuple[tuple[str, float], ...]:
+    """List alternatives to the first effect that claims a symptom, and their shares of the probability.
+
+    They are effects that claim a rival of the symptom, and others that claim the same one: these have equal shares.
+    """
+    others = [(name, share) for kind, share in symptom.rivals for name in _list_claimants(kind, effects)]
+    left = 1.0 - sum(share for _, share in others)
+    return (*((name, left / len(names)) for name in names[1:]), *others)
 
 
 def _is_more_than_chance(symptom: Symptom, settings: DiagnosisSettings) -> bool:
     """Tell whether an effect, listed or not, is likelier than chance and motion together."""
-    posterior = compute_posterior(symptom, settings)
+    posterior = weigh_symptom(symptom, settings)
     return posterior.listed + posterior.unlisted >= settings.unknown
 
 

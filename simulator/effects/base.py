@@ -63,15 +63,12 @@ ON_REFERENCES = ("reference", "random_reference", "reference_noise", "reference_
 
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
-    "noise_pattern",  # noise of one gyro whose level depends on the motion or the time
     "readout_noise",  # noise of the samples whose spectrum rises as f²
-    "lattice_rounded",  # readings are multiples of a step, rounded to it
-    "lattice_cut",  # readings are multiples of a step, cut toward zero
+    "lattice",  # readings are multiples of a step
     "zero_samples",  # readings that are exactly zero more often than noise allows
     "plateau",  # the largest readings are all the same
     "outliers",  # single samples far off
     "repeats",  # samples that repeat the one before
-    "own_repeats",  # readings of one gyro that repeat while the others change
     "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_level",  # white noise of the references other than stated
 )

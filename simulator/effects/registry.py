@@ -56,11 +56,6 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
         if effect.symptom is not None and effect.symptom not in SYMPTOMS:
             raise InputError(f"{name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
-        rivals = [
-            registered.name for registered in self.effects.values() if effect.symptom and registered.symptom == effect.symptom
-        ]
-        if rivals:
-            raise InputError(f"{name}: the symptom {effect.symptom} is that of {rivals[0]} already")
         if not 0 < effect.prior[0] < effect.prior[1]:
             raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
         parameters = {parameter.name for parameter in effect.parameters}

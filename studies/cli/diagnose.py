@@ -1,6 +1,5 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -83,9 +82,7 @@ def command(
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         spans = [(first, stop) for first, stop in exclude or ()]
         result = diagnose(loaded, progress=progress, seed=seed, library=library, exclude=spans)
-    orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
-    build = partial(build_diagnosis_page, result, orbit_s=orbit_s)
-    write_result(result.to_json(), as_json, build, report, loaded)
+    write_result(result.to_json(), as_json, partial(build_diagnosis_page, result), report, loaded)
     if adopt:
         text, adoption = write_adopted_scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

@@ -172,3 +172,10 @@ def format_cell(value: object, form: str | None) -> str:
     if isinstance(value, float):
         return f"{value:{form}}" if form and not pd.isna(value) else format_number(value)
     return str(value)
+
+
+def format_duration(seconds: float) -> str:
+    """Format a time in s up to two minutes, in min up to five hours, or in h."""
+    if seconds < 120:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 18000 else f"{seconds / 3600:.1f} h"

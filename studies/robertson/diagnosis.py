@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.inference.closure import compute_closure
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, read_first_amplitude
+from diagnosis.posterior import Attribution, rank_all
 from diagnosis.settings import DEFAULT
 from gyrocal.arrays import Array
 from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations

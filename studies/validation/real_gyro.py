@@ -27,7 +27,7 @@ from studies.montecarlo.manifest import hash_bytes
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.report import diagnosis_figures, tables
 from studies.report.checks import Check
-from studies.report.diagnosis import list_remainder_sizes
+from studies.report.diagnosis_sections import list_remainder_sizes
 from studies.report.entry import Entry, Report
 from studies.report.panels import Draw, Panel, build_sheet
 from studies.report.tables import NO_VALUE, Table

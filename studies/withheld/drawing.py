@@ -63,7 +63,16 @@ class DrawnCase(NamedTuple):
     @property
     def allowed_names(self) -> list[str] | None:
         """Names that the diagnosis may use; None for all."""
-        return [name for name in EFFECTS if name != self.effects[0].setting.effect] if self.kind == "withheld" else None
+        if self.kind != "withheld":
+            return None
+        withheld = list_effects_with_symptom_of(self.effects[0].setting.effect)
+        return [name for name in EFFECTS if name not in withheld]
+
+
+def list_effects_with_symptom_of(name: str) -> list[str]:
+    """List the effects that no recording distinguishes from the given one, since they have its symptom; itself included."""
+    symptom = EFFECTS[name].symptom
+    return [other for other, effect in EFFECTS.items() if other == name or (symptom and effect.symptom == symptom)]
 
 
 def draw_kind(entropy: int, case: int) -> str:

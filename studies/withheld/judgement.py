@@ -19,7 +19,7 @@ from diagnosis.settings import DEFAULT
 from gyrocal.errors import InputError
 from simulator.effects import EFFECTS, Effect, Setting
 from simulator.effects.base import Value
-from studies.withheld.drawing import DrawnCase
+from studies.withheld.drawing import DrawnCase, list_effects_with_symptom_of
 from studies.withheld.snr import Change
 from studies.withheld.world import World, find_effect, find_side
 
@@ -59,18 +59,19 @@ def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, An
     """Compare each stated cause with the simulated effects; `hits` and `near` hold the effects' numbers.
 
     `hits`: effects that a named cause equals or reproduces but for `SAME_POWER`, or random ones that a cause stated by side has
-    in its group. `near`: effects on the same side and axis.
+    in its group. `near`: effects on the same side and axis. Effects with one symptom are one answer, stated by its group.
     """
     out = []
     for cause in causes:
         named = "effect" in cause
+        names = list_effects_with_symptom_of(cause["effect"]) if named else []
         side = find_side(cause["effect"] if named else cause["group"][0].partition(":")[0])
         hits, near = [], []
         for number, effect in enumerate(drawn.settings):
             equal_axis = effect.axis is None or effect.axis == cause["axis"]
             if (equal_axis or cause["axis"] is None) and find_side(effect.effect) == side:
                 near.append(number)
-            equal = named and equal_axis and effect.effect == cause["effect"]
+            equal = equal_axis and effect.effect in names
             alike = equal or (named and measure_left_power(drawn.world, effect, cause) <= SAME_POWER)
             random = effect.effect in EFFECTS and EFFECTS[effect.effect].is_process
             if alike or (not named and random and effect.label() in cause["group"]):
@@ -78,7 +79,7 @@ def judge_causes(drawn: DrawnCase, causes: Sequence[Cause]) -> list[dict[str, An
         label = Setting(cause["effect"], cause["axis"], 0.0).label() if named else label_by_character(cause["group"][0])
         in_set = bool(hits) or any(effect.label() in cause["group"] for effect in drawn.settings)
         judged = {"named": named, "right": bool(hits if named else near), "in_set": in_set, "hits": hits, "near": near}
-        out.append({"cause": label, "p": cause["probability"], **judged})
+        out.append({"cause": label, "p": cause["group_probability" if len(names) > 1 else "probability"], **judged})
     return out
 
 

@@ -9,10 +9,10 @@ from diagnosis import explain
 from diagnosis.answer import Closure
 from diagnosis.budget import Step
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.inference.attribution import Attribution, CredibleGroup
 from diagnosis.inference.search import BASELINE_EXPLANATION
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
+from diagnosis.posterior import Attribution, CredibleGroup
 from diagnosis.remainder import find_remainder_side
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS

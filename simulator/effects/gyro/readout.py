@@ -10,7 +10,7 @@ rate_saturation
 rate_truncation
     Samples become the multiple of size next to them on the side of zero, noise included: an integer conversion that drops the
     fraction. The counts −1 < x/size < 1 all read zero, so that the bin of zero is twice as wide as the others, and every other
-    reading is half a step too near to zero on average. Found in the gyros of the BROAD trials (docs/validation.md).
+    reading is half a step too near to zero on average.
 """
 
 from collections.abc import Callable
@@ -59,7 +59,7 @@ EFFECTS = [
         bounds=(1e-12, 1e5),
         axis_optional=True,
         meaning="The gyro's output is rounded to multiples of a step.",
-        symptom="lattice_rounded",
+        symptom="lattice",
         show=_round,
     ),
     _Readout(
@@ -95,7 +95,7 @@ EFFECTS = [
         bounds=(1e-12, 1e5),
         axis_optional=True,
         meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
-        symptom="lattice_cut",
+        symptom="lattice",
         show=_truncate,
     ),
 ]

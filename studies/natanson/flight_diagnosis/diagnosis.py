@@ -19,8 +19,8 @@ import numpy as np
 
 from diagnosis.answer import Verdict
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, SelectedCandidate
+from diagnosis.posterior import Attribution, rank_all
 from diagnosis.settings import DEFAULT
 from gyrocal.arrays import Array
 from studies.natanson.flight_diagnosis.table import (

@@ -5,10 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import scipy.special
 
 from diagnosis.detectors import samples as stream
-from diagnosis.detectors.number_format import find_lattice_step, undo_lattice
 from diagnosis.detectors.samples import examine
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT
@@ -56,7 +54,8 @@ def test_m0_shows_nothing(plan, truth):
 @pytest.mark.parametrize(
     ("text", "symptom", "axis", "size", "sigma"),
     [
-        ("rate_quantization:y=1e-3", "lattice_rounded", "y", 1e-3, 1e-8),
+        ("rate_quantization:y=1e-3", "lattice", "y", 1e-3, 1e-8),
+        ("rate_truncation=1e-3", "lattice", None, 1e-3, 1e-8),
         ("stale_samples=3,fraction=0.01", "repeats", None, 3.0, None),
         ("spikes:x=0.004,fraction=0.001", "outliers", "x", 0.004, None),
         ("noise_excess=1.3", "white_noise_level", None, 1.3, None),
@@ -89,47 +88,13 @@ def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, moving):
     assert min(p) > 1e-5
 
 
-@pytest.mark.parametrize("level", [0.0, 2.0, -40.0])
-def test_readings_cut_far_below_their_noise_come_back(level):
-    """Noise of nine steps: cut readings are half a step nearer to zero, but for the noise that changes the sign."""
-    rng = np.random.default_rng(8)
-    noisy = level + 9.0 * rng.standard_normal(400_000)
-    back, factor, added = undo_lattice(np.trunc(noisy), 0.01, 1.0, 9.0, "cut")
-    error = 5 * 9.0 / np.sqrt(400_000)
-    assert abs(np.trunc(noisy).mean() - level + 0.5 * scipy.special.erf(level / 9 / np.sqrt(2))) < error
-    assert abs(back.mean() - level) < error
-    assert (factor == 1).all()
-    assert (added == 0).all()
-
-
-@pytest.mark.parametrize(("how", "said"), [(np.trunc, ["lattice_cut"]), (np.round, [])])
-def test_a_cut_below_the_noise_is_seen_and_a_number_format_is_not(plan, truth, how, said):
+def test_readings_that_are_rounded_or_cut_below_their_noise_show_nothing(plan, truth):
     clean = _recording(plan, truth, 3)
     step = 0.11 * clean.gyro.arw / np.sqrt(clean.gyro.sample_s)
-    found = stream.examine(replace(clean, gyro=replace(clean.gyro, rates=how(clean.gyro.rates / step) * step)))
-    assert [one.kind for one in found.symptoms] == said
-    if said:
-        assert found.symptoms[0].axis is None
-        assert found.symptoms[0].size == pytest.approx(np.rad2deg(step), rel=1e-6)
-
-
-def test_a_swing_comes_back_from_the_cut():
-    """A minute's mean of a swing of eight seconds stands still; half a step is given back to its readings all the same."""
-    at = 0.01 * np.arange(12_000)
-    rate = 30.0 * np.sin(2 * np.pi * at / 8.0)
-    back, _, _ = undo_lattice(np.trunc(rate), 0.01, 1.0, 0.1, "cut")
-    turned = 0.01 * np.cumsum(np.c_[np.trunc(rate) - rate, back - rate], axis=0)
-    assert np.abs(turned[:, 0]).max() > 1.8  # half a step for four seconds, less what is near zero
-    assert np.abs(turned[:, 1]).max() < 0.2
-
-
-def test_a_lattice_shows_through_numbers_printed_with_five_digits():
-    x = np.round(np.cumsum(np.random.default_rng(9).standard_normal(5000)) * 40) / 2048
-    exponent = np.floor(np.log10(np.maximum(np.abs(x), 1e-9)))
-    printed = np.round(x / 10.0 ** (exponent - 4)) * 10.0 ** (exponent - 4)
-    assert np.abs(printed * 2048 - np.round(printed * 2048)).max() > 0.02
-    assert find_lattice_step(printed) == pytest.approx(1 / 2048, rel=1e-4)
-    assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
+    for how in (np.trunc, np.round):
+        report = stream.examine(replace(clean, gyro=replace(clean.gyro, rates=how(clean.gyro.rates / step) * step)))
+        assert report.symptoms == ()
+        assert report.cut_steps == pytest.approx(np.full(3, step), rel=1e-6)
 
 
 def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):

@@ -54,3 +54,11 @@ def test_what_rounding_adds_is_of_its_axis_and_bounded_by_the_step(model):
         most = step**2 / 3 * sum(one[number] for one in own)
         assert np.trace(added) > 0
         assert np.linalg.eigvalsh(most - added).min() > -1e-9 * np.trace(most)
+
+
+def test_half_steps_of_cut_readings_are_no_misfit():
+    """Readings cut to a step of one and a half sigmas, with the half step as a nuisance parameter and without it."""
+    model = prepared(5, "rate_truncation=1.5e-4").model
+    assert model.y @ model.y == pytest.approx(model.degrees_of_freedom, abs=5 * np.sqrt(2 * model.degrees_of_freedom))
+    without = replace(model, nuisance_errors=None)
+    assert without.y @ without.y > 2 * without.degrees_of_freedom

@@ -9,8 +9,8 @@ import pytest
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import (
-    compute_posterior,
     list_sample_causes,
+    weigh_symptom,
 )
 from diagnosis.settings import DEFAULT
 from simulator.effects.base import Detection, Effect
@@ -55,21 +55,21 @@ def test_a_symptom_is_the_effect_that_claims_it_and_otherwise_unlisted():
 
 def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_once():
     symptom = replace(OUTLIERS, p_value=1e-6, probability=0.8, likeness=0.3)
-    found = compute_posterior(symptom, DEFAULT)
+    found = weigh_symptom(symptom, DEFAULT)
     assert found.listed + found.unlisted + found.motion + found.chance == pytest.approx(1.0)
     assert found.motion / found.listed == pytest.approx(0.25)
     assert found.chance / found.listed == pytest.approx(np.e * 1e-6 * np.log(1e6) * 30 * 9)
     # How it behaves speaks for the effect, or for something unlisted.
-    likeness = [compute_posterior(replace(symptom, likeness=p), DEFAULT).unlisted for p in (0.5, 1e-2, 1e-4)]
+    likeness = [weigh_symptom(replace(symptom, likeness=p), DEFAULT).unlisted for p in (0.5, 1e-2, 1e-4)]
     assert likeness[0] < 0.04 < likeness[1] < 0.3 < 0.8 < likeness[2]
     # What no effect claims is unlisted, or chance and motion.
-    nobodys = compute_posterior(symptom, DEFAULT, claimed=False)
+    nobodys = weigh_symptom(symptom, DEFAULT, claimed=False)
     assert (nobodys.listed, nobodys.unlisted + nobodys.motion + nobodys.chance) == (0.0, pytest.approx(1.0))
     assert nobodys.motion / nobodys.unlisted == pytest.approx(0.25)
     # At the threshold of the tests an effect is more probable than not; of a p-value by chance it is not.
-    assert compute_posterior(replace(OUTLIERS, p_value=DEFAULT.sample_event), DEFAULT).listed > 0.8
-    assert compute_posterior(replace(OUTLIERS, p_value=0.01), DEFAULT).chance > 0.9
-    assert compute_posterior(replace(OUTLIERS, p_value=1.0), DEFAULT).chance > 0.99
+    assert weigh_symptom(replace(OUTLIERS, p_value=DEFAULT.sample_event), DEFAULT).listed > 0.8
+    assert weigh_symptom(replace(OUTLIERS, p_value=0.01), DEFAULT).chance > 0.9
+    assert weigh_symptom(replace(OUTLIERS, p_value=1.0), DEFAULT).chance > 0.99
 
 
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():

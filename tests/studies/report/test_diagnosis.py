@@ -4,8 +4,6 @@ import dataclasses
 import io
 import re
 
-import numpy as np
-import pandas as pd
 import pytest
 from markupsafe import escape
 from rich.console import Console
@@ -54,19 +52,6 @@ def test_every_effect_has_a_sentence_of_its_own():
         assert effect.says, name
         assert not re.search(r"[{}_]", effect.sentence(None, 1.0, "2.0 u"))
     assert ALL_EFFECTS["time_offset"].sentence(None, -2.0, "2 s").endswith("2 s early")
-
-
-def test_pointing_is_the_largest_turn_within_an_orbit():
-    t = np.arange(0.0, 9000.0, 60.0)
-    table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
-    describe = report.describe_pointing_cost
-    assert "errs by up to 5400 arcsec about z in an orbit" in describe(table, 5400.0)
-    assert "3600 arcsec about z in an hour" in describe(table, float("nan"))
-    assert "arcsec about z in 149 min" in describe(table.iloc[[0, -1]], 5400.0)
-    turned = table.assign(cause="reference_orbital:z")
-    assert describe(turned, 5400.0) == "None: the references err, by up to 8940 arcsec about z, in m1."
-    assert describe(pd.concat([table, turned]), 5400.0) == describe(table, 5400.0)
-    assert "in the samples" in describe(table.iloc[:0], 5400.0)
 
 
 def test_the_answers_state_no_more_than_is_sure():

@@ -1,4 +1,6 @@
-"""A fit of the noise of one gyro: its level, and whether an excess is white noise or readout noise of the angle.
+"""Fit the spectrum of one gyro's noise: the level of white noise, and readout noise of the angle, beside any motion.
+
+`diagnosis.detectors.sample_noise` decides by this fit how large the noise of a sample is.
 
 Of short blocks of samples, the largest share of the calmest is taken in which no motion shows: whose powers are those of noise,
 and scatter as such, as they do not where the motion has jerks. Blocks that pass zero, where a
@@ -48,7 +50,6 @@ from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_
 CALM_SHARES = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
 FEWEST_BLOCKS = 12  # below which nothing is said
 SAME = 2.0  # sigmas between blocks that pass zero and the rest, up to which they show one level
-FITS = 1e-3  # p-value from which on noise is explained
 UNDECIDED = 8.0  # difference of χ² up to which the worse of white and readout noise is possible, too
 CLEAR = 4.0  # sigmas of white and of readout noise, where both are needed
 
@@ -102,7 +103,9 @@ class NoiseLevel:
     still: bool  # whether no motion shows in them
 
 
-def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float, noise_degrees: float = np.inf) -> NoiseLevel | None:
+def fit_noise_spectrum(
+    x: Array, arcs: list[tuple[int, int]], expected: float, noise_degrees: float = np.inf
+) -> NoiseLevel | None:
     """Fit the noise of readings x (n,), rad/s, in the largest share of the calmest blocks of some runs that shows no motion.
 
     Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
@@ -110,7 +113,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float, nois
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
-    # Spikes that are too small to be repaired beside the motion are no level.
+    # Spikes that are too small to be found beside the motion are no level.
     single = ~has_spike(blocks)
     samples, blocks = samples[single], blocks[single]
     through = find_zero_crossings(samples, float(np.sqrt(expected)))
@@ -339,5 +342,4 @@ OF_MOTION = _compute_process_power(ORDER - 2)  # M_k
 _KAPPA, SPREAD = _compute_truncation_factors()
 _DESIGN = np.column_stack([np.ones(SHOWING), OF_MOTION])
 _LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
-LEVEL_WEIGHTS = (_LEVEL @ _DESIGN.T)[0]  # (showing,) from squares of a block to its noise power beside any motion
 _RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from diagnosis.inference.attribution import CredibleGroup, attribute, compute_bayes_factor_bound, rank_all, rank_weak_effects
 from diagnosis.inference.search import Explanation
 from diagnosis.model.linear import SelectedCandidate
+from diagnosis.posterior import CredibleGroup, compute_bayes_factor_bound, rank_all, rank_weak_effects
 from diagnosis.settings import DiagnosisSettings
+from diagnosis.verdict import attribute
 from tests.diagnosis.linear_models import linear_model
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.noise_level import fit_noise_level
+from diagnosis.detectors.noise_spectrum import fit_noise_spectrum
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from tests.diagnosis.recordings import of_rates, recorded
@@ -23,7 +23,7 @@ def steps(rng, count, number, size=8.0):
 
 
 def found_in(x):
-    return fit_noise_level(x, [(0, x.size)], 1.0)
+    return fit_noise_spectrum(x, [(0, x.size)], 1.0)
 
 
 @pytest.mark.parametrize(("count", "draws"), [(600, 300), (3000, 200)])
@@ -89,7 +89,7 @@ def drawn(seed, white=1.0, reading=0.0):
 
 def find_readout(x):
     """Readout noise that is likelier than white noise."""
-    found = fit_noise_level(x, [(0, x.size)], SIGMA**2)
+    found = fit_noise_spectrum(x, [(0, x.size)], SIGMA**2)
     return None if found is None or found.readout is None or found.readout.probability < 0.5 else found.readout
 
 
