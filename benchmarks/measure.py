@@ -176,7 +176,7 @@ def _build_library(reasons: dict[str, str]) -> ctypes.CDLL | None:
 def _measure_growth(flight: Flight, finer: int, rounds: int, library: ctypes.CDLL | None) -> dict[str, Any]:
     """Kernel, packing and C at so many times the samples."""
     arcs, parameters = flight.arcs(finer), flight.initial
-    if arcs.beyond_series(parameters.G, parameters.bias):
+    if arcs.is_beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
     candidates, apart = {}, None

@@ -74,7 +74,7 @@ def run_packed(arcs: Arcs, parameters: GyroParameters) -> Propagation:
 
 def run_unpacked(arcs: Arcs, parameters: GyroParameters) -> Propagation:
     """The first pass over a recording's own rows: the same, and what packing adds to it."""
-    return propagate(arcs.with_rates(arcs.rates), parameters.G, parameters.bias)
+    return propagate(arcs.replace_rates(arcs.rates), parameters.G, parameters.bias)
 
 
 def disagreement(result: Propagation, expected: Propagation) -> float:

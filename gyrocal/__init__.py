@@ -51,7 +51,7 @@ def __getattr__(name: str) -> _Any:
     if name != "__all__" and _find_spec(f"gyrocal.{name}") is not None:  # a module of the package is no public name
         return _import_module(f"gyrocal.{name}")
     public = vars(_import_module("gyrocal.public"))
-    names = {one: value for one, value in public.items() if not one.startswith("_")}
+    names = {key: value for key, value in public.items() if not key.startswith("_")}
     names["__all__"] = [*names, "__version__"]
     if name not in names:
         raise AttributeError(f"module 'gyrocal' has no attribute {name!r}")

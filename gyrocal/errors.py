@@ -8,8 +8,8 @@ def suggest_names(name: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches  # only when something is wrong
 
     names = list(known)
-    near = get_close_matches(name, names, n=3)
-    return f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(names)}"
+    similar = get_close_matches(name, names, n=3)
+    return f"did you mean {' or '.join(similar)}?" if similar else f"there are {', '.join(names)}"
 
 
 class GyrocalError(Exception):

@@ -22,7 +22,7 @@ LINK = "is a symbolic link, which is not written through; give the file that it 
 
 
 def is_replaced(path: Path) -> bool:
-    """Whether what is written takes the place of a path: of a regular file or of nothing; else it is written into it.
+    """Tell whether a file written to a path replaces it, a regular file or nothing; anything else is written into.
 
     An `OSError` if it is a symbolic link.
     """
@@ -36,7 +36,7 @@ def is_replaced(path: Path) -> bool:
 
 @contextmanager
 def open_replacement(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of the one at the path when the block ends; after an error the old one stays.
+    """Open a binary file that replaces the one at the path when the block ends; after an error the old one stays.
 
     An `OSError` if the file cannot be written; its name is the path's.
     """
@@ -89,7 +89,7 @@ def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]],
 
 @contextmanager
 def lock_folder(folder: Path, shared: bool = False) -> Iterator[None]:
-    """Hold a folder against those that would change its files, or shared, read them; where locks do not work, do without."""
+    """Lock a folder while its files change or, shared, are read; without a lock if the system has none."""
     opened = None
     with suppress(ImportError, OSError):
         import fcntl

@@ -65,16 +65,16 @@ def compute_innovations(
     return Innovations(first, second, duration, turns, values, stated * scale)
 
 
-def compute_misses(before: Array, turned: Array, after: Array) -> Array:
-    """Rotation vectors (k, 3) log[A_after (Φ A_before)ᵀ], rad, of attitudes (k, 4) and of the turns (k, 3) between them."""
+def compute_misses(before: Array, turns: Array, after: Array) -> Array:
+    """Compute log[A_after (Φ A_before)ᵀ] (k, 3), rad, of attitudes (k, 4) and the turns (k, 3) between them."""
     if not len(before):
         return np.zeros((0, 3))
-    carried = Rotation.from_quat(before) * Rotation.from_rotvec(turned)
-    return np.asarray(-(carried.inv() * Rotation.from_quat(after)).as_rotvec())
+    predicted = Rotation.from_quat(before) * Rotation.from_rotvec(turns)
+    return np.asarray(-(predicted.inv() * Rotation.from_quat(after)).as_rotvec())
 
 
 def _fit_calibration_errors(values: Array, columns: Array, stated: Array) -> tuple[Array, float]:
-    """Fit innovations (k, 3) by columns (k, 3, 12): the coefficients, and the scatter of the rest over the stated one."""
+    """Fit innovations (k, 3) by columns (k, 3, 12): the coefficients, and the ratio of the remaining scatter to the stated."""
     fit, scale = np.zeros(columns.shape[2]), 1.0
     if len(values) <= columns.shape[2]:
         return fit, scale
@@ -109,16 +109,16 @@ def integrate_turns(begin_s: Array, rates: Array, start_s: Array, stop_s: Array)
     if not start_s.size or not begin_s.size:
         return np.zeros((start_s.size, 3)), np.zeros((start_s.size, 3, 12))
     low = np.clip(np.searchsorted(begin_s, start_s, side="right") - 1, 0, begin_s.size - 1)
-    quaternions, K = _multiply(begin_s, np.ascontiguousarray(rates), start_s, stop_s, low)
+    quaternions, K = _integrate_quaternions(begin_s, np.ascontiguousarray(rates), start_s, stop_s, low)
     columns = -np.moveaxis(K, 1, 2).reshape(start_s.size, 3, 12)
     return np.asarray(Rotation.from_quat(quaternions).as_rotvec()), columns
 
 
 @compile_cached
-def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]
-    """Quaternions (k, 4) of the turns, and ∫ R ω_b dt of each b and ∫ R dt, (k, 4, 3, 3), R from a time to the stop."""
-    out, K = np.zeros((start_s.size, 4)), np.zeros((start_s.size, 4, 3, 3))
-    R, before = np.empty((3, 3)), np.empty(3)
+def _integrate_quaternions(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]
+    """Integrate the turns to quaternions (k, 4), and ∫ R ω_b dt of each b and ∫ R dt, (k, 4, 3, 3), R to the stop."""
+    quaternions, K = np.zeros((start_s.size, 4)), np.zeros((start_s.size, 4, 3, 3))
+    R, column = np.empty((3, 3)), np.empty(3)
     for k in range(start_s.size):
         x, y, z, w = 0.0, 0.0, 0.0, 1.0
         t, i = start_s[k], low[k]
@@ -127,8 +127,8 @@ def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-
             dt = edge - t
             a, b, c = rates[i, 0] * dt, rates[i, 1] * dt, rates[i, 2] * dt
             angle = np.sqrt(a * a + b * b + c * c)
-            s = 0.5 - angle * angle / 48 if angle < 1e-4 else np.sin(0.5 * angle) / angle
-            a, b, c, d = s * a, s * b, s * c, np.cos(0.5 * angle)
+            scale = 0.5 - angle * angle / 48 if angle < 1e-4 else np.sin(0.5 * angle) / angle
+            a, b, c, d = scale * a, scale * b, scale * c, np.cos(0.5 * angle)
             x, y, z, w = (
                 w * a + x * d + y * c - z * b,
                 w * b - x * c + y * d + z * a,
@@ -141,10 +141,10 @@ def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-
             for m in range(4):
                 for col in range(3):
                     for row in range(3):
-                        before[row] = K[k, m, row, col]
+                        column[row] = K[k, m, row, col]
                     for row in range(3):
-                        K[k, m, row, col] = R[row, 0] * before[0] + R[row, 1] * before[1] + R[row, 2] * before[2]
+                        K[k, m, row, col] = R[row, 0] * column[0] + R[row, 1] * column[1] + R[row, 2] * column[2]
                     K[k, m, col, col] += dt if m == 3 else rates[i, m] * dt
             t, i = edge, i + 1
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = x, y, z, w
-    return out, K
+        quaternions[k, 0], quaternions[k, 1], quaternions[k, 2], quaternions[k, 3] = x, y, z, w
+    return quaternions, K

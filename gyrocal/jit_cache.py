@@ -1,10 +1,10 @@
 """Compiled functions whose cache on disk cannot be stale, damaged or in the way.
 
-numba's own cache asks only whether the file of the cached function has changed, not the functions and constants that it has
+numba's own cache checks only whether the file of the cached function has changed, not the functions and constants that it has
 taken in from other files; it lets two processes that compile different signatures at once overwrite one another's entries, and
 a damaged entry ends in a traceback. Here a folder holds the code of one state of the sources: its name has the hash of every
 source that the functions may come from, and of the versions that compiled them. Within it each entry is one file, named by
-what it is the code of, written whole or not at all, and read only if its checksum is right; anything else is compiled again.
+its function and types, written whole or not at all, and read only if its checksum is right; anything else is compiled again.
 
 A function of a package may come from that package and the layers below it (gyrocal <- simulator <- diagnosis <- studies), so
 that a change of a report does not compile the kernels anew. A cache runs what lies in it: it is looked for where only those
@@ -78,7 +78,7 @@ def hash_sources(package: str) -> str:
 
 
 def _list_sources(package: str) -> Iterator[Path]:
-    """The files of a package, or the one of a module, in a fixed order."""
+    """List the files of a package, or the one of a module, in a fixed order."""
     spec = importlib.util.find_spec(package)
     for place in (spec.submodule_search_locations if spec else None) or ():
         yield from sorted(Path(place).rglob("*.py"))
@@ -88,9 +88,9 @@ def _list_sources(package: str) -> Iterator[Path]:
 
 @cache
 def find_cache_folder(package: str) -> tuple[Path, str] | None:
-    """The folder of a package's compiled code and the hash in its name; None if there is no place for it.
+    """Find the folder of a package's compiled code and the hash in its name; None if there is no place for it.
 
-    It is chosen, and folders of other states of the sources beside it are removed, when a process first asks.
+    The first call in a process chooses it, and removes the folders of other states of the sources beside it.
     """
     try:
         digest = hash_sources(package)
@@ -137,7 +137,7 @@ def _list_parents(package: str) -> Iterator[Path]:
 
 
 def _hash_place(folder: Path) -> str:
-    """A name for the sources' place, so that two checkouts do not remove one another's code."""
+    """Hash the sources' place to a name, so that two checkouts do not remove one another's code."""
     return hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
 
 
@@ -166,7 +166,7 @@ class _Store(NullCache):
         return str(folder[0]) if folder else None
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """The compiled code for a signature; None if there is none, or none that is whole."""
+        """Load the compiled code for a signature; None if there is none, or only a damaged one."""
         rtsys.initialize(target)  # all that kept code needs: numba loads what it compiles with (0.5 s) when it compiles
         key = self._build_key(signature, target.codegen())
         path = self._find_path(key)
@@ -207,7 +207,7 @@ class _Store(NullCache):
 
     def _find_path(self, key: tuple[str, ...]) -> Path | None:
         folder = find_cache_folder(self.package)
-        if folder is None or " at 0x" in repr(key):  # a function is told by its address, which another one can have next time
+        if folder is None or " at 0x" in repr(key):  # the address of a function, which another one can have next time
             return None
         name = f"{self.function.__module__}.{self.function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
         return folder[0] / name

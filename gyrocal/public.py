@@ -1,4 +1,4 @@
-"""The names of the package `gyrocal`, which loads this module when one of them is asked for."""
+"""The names of the package `gyrocal`, which loads this module at the first use of one of them."""
 
 from gyrocal.calibration.davenport import RecursiveCalibrator, calibrate, residual_table
 from gyrocal.calibration.observability import Observability

@@ -6,18 +6,18 @@ from scipy.spatial.transform import Rotation
 from gyrocal.arrays import Array
 from gyrocal.mask_runs import find_mask_runs
 
-REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
+REST_WINDOW_S = 0.5  # in which the scatter of the rates separates rest from motion
 FEWEST_REST_SAMPLES = 5  # samples in it
 QUIET = 2.5  # times the quietest scatter
-REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
+REST_SPEED_SHARE = 0.02  # of the motion: by the attitudes a body that turns slower is at rest
 SHORTEST_REST_S = 3.0
 SPEED_S = 1.0
-REST_PARTS = 8  # of each rest, whose means tell the noise of the whole mean, slow noise included
+REST_PARTS = 8  # of each rest, whose means give the noise of the whole mean, slow noise included
 REST_SIGMAS = 7.0  # of the difference of two means: by chance once in 10⁵, of two rests
 
 
 def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
-    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
+    """Find stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, i
     out = []
     for first, stop in find_mask_runs(still):
         # A window at either end may hold the beginning of a motion.
-        a, b = (first + 1) * size, (stop - 1) * size
-        if (b - a) * sample_s >= SHORTEST_REST_S:
-            out.append((a, b))
+        begin, end = (first + 1) * size, (stop - 1) * size
+        if (end - begin) * sample_s >= SHORTEST_REST_S:
+            out.append((begin, end))
     return out
 
 
 def compare_rests(t_s: Array, rates: Array, rests: list[tuple[int, int]]) -> tuple[str, Array]:
-    """Compare the biases at rest: say which two differ by most sigmas, if they do, and by how much, (3,) rad/s.
+    """Compare the biases at rest: text on the two that differ by most sigmas, empty if none do, and the change (3,), rad/s.
 
     Parameters
     ----------
@@ -52,21 +52,21 @@ def compare_rests(t_s: Array, rates: Array, rests: list[tuple[int, int]]) -> tup
     """
     if len(rests) < 2:
         return "", np.zeros(3)
-    whole = np.concatenate([rates[first:stop] for first, stop in rests])
-    parts = np.array([[part.mean(axis=0) for part in np.array_split(rates[a:b], REST_PARTS)] for a, b in rests])
-    bias, length = -parts.mean(axis=1), np.diff(rests)
-    density = np.mean(parts.var(axis=1, ddof=1) / REST_PARTS * length, axis=0)  # variance of a mean times its samples
-    rounding = np.array([np.diff(np.unique(x)).min(initial=np.inf) for x in whole.T])
+    rest_rates = np.concatenate([rates[first:stop] for first, stop in rests])
+    part_means = np.array([[part.mean(axis=0) for part in np.array_split(rates[a:b], REST_PARTS)] for a, b in rests])
+    bias, samples = -part_means.mean(axis=1), np.diff(rests)
+    density = np.mean(part_means.var(axis=1, ddof=1) / REST_PARTS * samples, axis=0)  # variance of a mean times its samples
+    rounding = np.array([np.diff(np.unique(x)).min(initial=np.inf) for x in rest_rates.T])
     floor = np.where(np.isfinite(rounding), np.square(rounding), 1.0) / 12
     change = bias[:, None] - bias
-    sigmas = np.abs(change) / np.sqrt(density * (1 / length[:, None] + 1 / length) + floor)
+    sigmas = np.abs(change) / np.sqrt(density * (1 / samples[:, None] + 1 / samples) + floor)
     earlier, later, axis = (int(k) for k in np.unravel_index(np.argmax(sigmas), sigmas.shape))
     if sigmas[earlier, later, axis] < REST_SIGMAS:
         return "", np.zeros(3)
     earlier, later = sorted((earlier, later))
     values = [f"{np.rad2deg(bias[k, axis]):.4g} deg/s in that at {t_s[rests[k][0]]:.6g} s" for k in (earlier, later)]
-    apart = f"{sigmas[earlier, later, axis]:.2g} sigmas apart"
-    text = f"bias differs between rests: b_{'xyz'[axis]} is {values[0]} and {values[1]}, {apart}"
+    separation = f"{sigmas[earlier, later, axis]:.2g} sigmas apart"
+    text = f"bias differs between rests: b_{'xyz'[axis]} is {values[0]} and {values[1]}, {separation}"
     return text, np.asarray(change[earlier, later])
 
 
@@ -80,7 +80,7 @@ def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
     """
     later = np.minimum(np.searchsorted(t_ref, t_ref + SPEED_S), t_ref.size - 1)
     rows = np.flatnonzero(later > np.arange(later.size))
-    turned = Rotation.from_quat(q)
+    attitudes = Rotation.from_quat(q)
     elapsed = t_ref[later[rows]] - t_ref[rows]
-    speed = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
+    speed = (attitudes[rows].inv() * attitudes[later[rows]]).magnitude() / elapsed
     return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, speed)

@@ -1,4 +1,4 @@
-"""Roots and products of matrices (3, 3) and what is under them, for functions that are compiled.
+"""Roots and products of matrices (3, 3) for compiled functions.
 
 The linear algebra of numpy, as numba compiles it, takes seconds to compile and holds for matrices of any size.
 """
@@ -11,7 +11,7 @@ from gyrocal.jit_cache import compile_cached
 
 @compile_cached
 def compute_lower_root(S: Array) -> Array:
-    """Lower root L of a covariance, S = L Lᵀ; (3, 3)."""
+    """Compute the lower root L of a covariance, S = L Lᵀ; (3, 3)."""
     L = np.zeros((3, 3))
     for i in range(3):
         for j in range(i + 1):
@@ -29,7 +29,7 @@ def compute_lower_root(S: Array) -> Array:
 
 @compile_cached
 def solve_lower(L: Array, b: Array) -> Array:
-    """L⁻¹ b of a lower root (3, 3) and columns (3, k)."""
+    """Compute L⁻¹ b of a lower root (3, 3) and columns (3, k)."""
     x = b.copy()
     for i in range(3):
         for j in range(b.shape[1]):
@@ -41,7 +41,7 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 @compile_cached
 def multiply(A: Array, B: Array) -> Array:
-    """A B; (3, 3) and (3, k)."""
+    """Multiply A B; (3, 3) and (3, k)."""
     out = np.zeros(B.shape)
     for i in range(3):
         for k in range(3):
@@ -52,7 +52,7 @@ def multiply(A: Array, B: Array) -> Array:
 
 @compile_cached
 def transform_covariance(A: Array, P: Array) -> Array:
-    """A P Aᵀ; (3, 3) twice."""
+    """Compute A P Aᵀ; (3, 3) twice."""
     AP, out = multiply(A, P), np.zeros((3, 3))
     for i in range(3):
         for j in range(3):

@@ -36,7 +36,7 @@ SHORTEST_WINDOW_SAMPLES = 5  # samples; a quadratic through three is no smoothin
 
 
 def estimate_sample_sigma(rates: Array, stated: float) -> Array:
-    """Sigma of one sample of each axis, rad/s: the stated one, or that of the second differences if it is larger; (3,).
+    """Estimate sigma (3,) of one sample, rad/s: the stated one, or that of the second differences if it is larger.
 
     Second differences of a smooth rate are noise with the standard deviation √6 σ; the median is not moved by slews.
     """
@@ -47,7 +47,7 @@ def estimate_sample_sigma(rates: Array, stated: float) -> Array:
 
 
 def smooth_run(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
-    """Smoothed rates (n, 3) of one run of samples, rad/s.
+    """Smooth the rates (n, 3) of one run of samples, rad/s.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ def smooth_run(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> 
     """
     if min(smooth_s / sample_s, len(rates)) < SHORTEST_WINDOW_SAMPLES:
         return rates
-    read = [replace_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
-    return np.column_stack([smooth_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(read, sigma, strict=True)])
+    cleaned = [replace_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
+    return np.column_stack([smooth_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(cleaned, sigma, strict=True)])
 
 
 def smooth_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
-    """Smoothed rates of one axis without outliers, (n,), and their degrees of freedom: so many times σ² is in them.
+    """Smooth the rates (n,) of one axis without outliers; with the degrees of freedom, the multiple of σ² in the result.
 
-    These are the sum over the samples of what each contributes to its own estimate, n without smoothing.
+    These are the sum of the samples' leverages, each on its own estimate; n without smoothing.
     """
     longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
     if longest < SHORTEST_WINDOW_SAMPLES or not sigma > 0:
@@ -74,7 +74,7 @@ def smooth_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) ->
 
 
 def replace_outliers(rates: Array, sigma: float) -> Array:
-    """Rates of one axis (n,) with single outliers replaced by the median of five; all as they are where there is no noise."""
+    """Replace single outliers in the rates (n,) of one axis by the median of five; without noise return the rates."""
     if not sigma > 0:
         return rates
     median = median_filter(rates, size=5, mode="nearest")
@@ -108,16 +108,16 @@ def _smooth_with_windows(rates: Array, windows: Sequence[int], sigma: float) -> 
 
 
 @compile_cached
-def _tighten_limits(estimate: Array, weight: Array, width: float, going: Mask, low: Array, high: Array) -> None:
-    """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
+def _tighten_limits(estimate: Array, weight: Array, width: float, agrees: Mask, low: Array, high: Array) -> None:
+    """Clear agreement of samples outside the limits of the earlier windows, and tighten the limits by this one, in place."""
     for k in range(estimate.size):
-        going[k] &= low[k] <= estimate[k] <= high[k]
+        agrees[k] &= low[k] <= estimate[k] <= high[k]
         low[k] = max(low[k], estimate[k] - width * weight[k])
         high[k] = min(high[k], estimate[k] + width * weight[k])
 
 
 def _keep_rows_of_three(marked: Mask) -> Mask:
-    """Those marked that are three in a row or more; noise alone marks one here and there, and motion all over its bend."""
+    """Keep marks that are three in a row or more: noise alone marks single samples, motion all over its bend."""
     core = marked[:-2] & marked[1:-1] & marked[2:]
     out = np.zeros(marked.size, dtype=bool)
     if core.any():
@@ -128,21 +128,21 @@ def _keep_rows_of_three(marked: Mask) -> Mask:
 
 @compile_cached
 def _compute_ramp(stops: Mask, length: float) -> Array:
-    """Distance of each sample from the nearest one that stops, over a length; one at most."""
+    """Compute the distance of each sample from the nearest one that stops, over a length; one at most."""
     out = np.empty(stops.size)
-    away = length
+    distance = length
     for k in range(stops.size):
-        away = 0.0 if stops[k] else away + 1.0
-        out[k] = min(away / length, 1.0)
-    away = length
+        distance = 0.0 if stops[k] else distance + 1.0
+        out[k] = min(distance / length, 1.0)
+    distance = length
     for k in range(stops.size - 1, -1, -1):
-        away = 0.0 if stops[k] else away + 1.0
-        out[k] = min(away / length, out[k])
+        distance = 0.0 if stops[k] else distance + 1.0
+        out[k] = min(distance / length, out[k])
     return out
 
 
 def _fit_window(rates: Array, window: int) -> tuple[Array, Array]:
-    """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample (n,)."""
+    """Fit a local quadratic of a window to each sample (n,); with its sigma per unit sigma of a sample (n,)."""
     block = max(1, window // WINDOW_BLOCKS)
     if block == 1:
         return _filter_window(rates, window), _compute_sample_sigmas(window, len(rates))
@@ -154,7 +154,7 @@ def _fit_window(rates: Array, window: int) -> tuple[Array, Array]:
 
 
 def _filter_window(rates: Array, window: int) -> Array:
-    """Local quadratic of an odd window at each sample (n,); at either end, that of the first or the last whole window.
+    """Fit a local quadratic of an odd window to each sample (n,); at either end, that of the first or the last whole window.
 
     It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all
     of scipy.signal and scipy.stats, which take each process half a second to load.
@@ -164,22 +164,22 @@ def _filter_window(rates: Array, window: int) -> Array:
     half = window // 2
     for part, target in ((slice(0, window), slice(0, half)), (slice(rates.size - window, None), slice(window - half, window))):
         c = lstsq(powers, rates[part], cond=window * np.finfo(float).eps)[0] / scale
-        at = np.arange(target.start, target.stop, dtype=float)
-        out[part][target] = ((0.0 * at + c[0]) * at + c[1]) * at + c[2]
+        position = np.arange(target.start, target.stop, dtype=float)
+        out[part][target] = ((0.0 * position + c[0]) * position + c[1]) * position + c[2]
     return np.asarray(out)
 
 
 @lru_cache(maxsize=256)
 def _compute_coefficients(window: int) -> Array:
-    """(window,) of a local quadratic; all intervals and axes share a few windows."""
-    at = np.arange(window // 2, -(window // 2) - 1, -1, dtype=float)
-    powers = at ** np.arange(POLYNOMIAL_ORDER + 1, dtype=float)[:, None]
+    """Compute the filter (window,) of a local quadratic; all intervals and axes share a few windows."""
+    position = np.arange(window // 2, -(window // 2) - 1, -1, dtype=float)
+    powers = position ** np.arange(POLYNOMIAL_ORDER + 1, dtype=float)[:, None]
     return np.asarray(lstsq(powers, np.eye(POLYNOMIAL_ORDER + 1)[0], cond=window * np.finfo(float).eps)[0])
 
 
 @lru_cache(maxsize=256)
 def _compute_powers(window: int) -> tuple[Array, Array]:
-    """(window, 3) powers of the samples' numbers, highest first, each of length one, and their lengths before (3,)."""
+    """Compute powers (window, 3) of the sample numbers, highest first, scaled to length one, and their lengths (3,)."""
     powers = np.arange(window, dtype=float)[:, None] ** np.arange(POLYNOMIAL_ORDER, -1, -1, dtype=float)
     scale = np.sqrt(np.sum(powers * powers, axis=0))
     return powers / scale, scale
@@ -187,36 +187,37 @@ def _compute_powers(window: int) -> tuple[Array, Array]:
 
 @compile_cached
 def _interpolate_blocks(values: Array, block: int, count: int) -> Array:
-    """Values in the middles of blocks, straight lines between them and beyond the first and the last, at each sample (n,)."""
+    """Interpolate values in the middles of blocks by straight lines to each sample (n,), beyond the first and last too."""
     out = np.empty(count)
     for k in range(count):
-        at = (k - 0.5 * (block - 1)) / block
-        first = min(max(int(at), 0), values.size - 2)
-        out[k] = values[first] + (at - first) * (values[first + 1] - values[first])
+        position = (k - 0.5 * (block - 1)) / block
+        first = min(max(int(position), 0), values.size - 2)
+        out[k] = values[first] + (position - first) * (values[first + 1] - values[first])
     return out
 
 
 def _compute_sample_sigmas(window: int, count: int, block: int = 1) -> Array:
-    """(count,) sigma of the quadratic of so many blocks at each sample, per unit sigma of a block; at either end it is twice
-    that of the middle.
+    """Compute sigma (count,) of the quadratic of so many blocks at each sample, per unit sigma of a block.
+
+    At either end it is twice that of the middle.
     """
     middle, ends = _compute_window_sigmas(window)
     out = np.full(count, middle)
-    at = (np.arange(ends.size * block) - 0.5 * (block - 1)) / block
-    first = np.interp(at, np.arange(ends.size + 1), np.append(ends, middle)) if block > 1 else ends
-    out[: first.size], out[count - first.size :] = first, first[::-1]
+    position = (np.arange(ends.size * block) - 0.5 * (block - 1)) / block
+    beginning = np.interp(position, np.arange(ends.size + 1), np.append(ends, middle)) if block > 1 else ends
+    out[: beginning.size], out[count - beginning.size :] = beginning, beginning[::-1]
     return out
 
 
 @lru_cache(maxsize=256)
 def _compute_window_sigmas(window: int) -> tuple[float, Array]:
-    """Sigma of a window's quadratic in its middle, and before that from its first sample on (window // 2,)."""
+    """Compute sigma of a window's quadratic in its middle, and before that from its first sample on (window // 2,)."""
     basis = np.linalg.qr(_compute_powers(window)[0])[0]
     return float(np.linalg.norm(_compute_coefficients(window))), np.asarray(np.linalg.norm(basis, axis=1)[: window // 2])
 
 
 def _list_windows(longest: int) -> list[int]:
-    """Odd windows from the shortest to the longest, each about 1.5 times the one before."""
+    """List odd windows from the shortest to the longest, each about 1.5 times the one before."""
     windows, window = [], float(SHORTEST_WINDOW_SAMPLES)
     while window < longest:
         windows.append(int(window) // 2 * 2 + 1)

@@ -97,18 +97,18 @@ class AdoptedScenario:
         return np.concatenate([np.empty(0), *(REGISTRY[effect.effect].amplitudes(effect) for effect in self.effects)])
 
     def replace_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
-        """The effects with other amplitudes (k,); an `InputError` where a size is out of its effect's bounds."""
+        """Set other amplitudes (k,) in the effects; an `InputError` for a size outside its effect's bounds."""
         out, start = [], 0
         for current in self.effects:
             effect = REGISTRY[current.effect]
             count = effect.amplitudes(current).size
-            size, held = effect.from_amplitudes(amplitudes[start : start + count])
-            out.append(setting(current.effect, current.axis, size, {**current.parameters, **held}))
+            size, parameters = effect.from_amplitudes(amplitudes[start : start + count])
+            out.append(setting(current.effect, current.axis, size, {**current.parameters, **parameters}))
             start += count
         return tuple(out)
 
     def draw_amplitudes(self, rng: np.random.Generator) -> Array:
-        """Amplitudes (k,) drawn from the posterior within the bounds of the sizes; those stated if there is none."""
+        """Draw amplitudes (k,) from the posterior within the bounds of the sizes; the stated ones without a posterior."""
         if self.covariance is None or not self.effects:
             return self.amplitudes
         values, vectors = np.linalg.eigh(self.covariance)
@@ -132,24 +132,24 @@ class AdoptedScenario:
         return motion(plan) if isinstance(plan, Scenario) else reconstruct_motion(plan.recording, plan.G, plan.bias)
 
     @cached_property
-    def _plain(self) -> tuple[Recording, Surroundings]:
+    def _noise_free(self) -> tuple[Recording, Surroundings]:
         """The noise-free flight of a replay without effects, and what effects see of it."""
         assert isinstance(self.plan, ReplayPlan)
-        plain = build_noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
-        return plain, build_surroundings(plain, self.motion)
+        noise_free = build_noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
+        return noise_free, build_surroundings(noise_free, self.motion)
 
     def fly(
         self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
     ) -> Recording:
-        """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
+        """Simulate one flight, with the given effects in place of the stated, or with sizes drawn by a stream of the case."""
         if effects is None:
             drawn = self.draw_amplitudes(generator(seed, case, "posterior")) if draw else None
             effects = self.effects if drawn is None else self.replace_amplitudes(drawn)
         plan = self.plan
         gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
         if isinstance(plan, ReplayPlan):
-            plain, around = self._plain
-            return add_effects_and_noise(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
+            noise_free, around = self._noise_free
+            return add_effects_and_noise(noise_free, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
         return observe(plan, self.motion, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=effects, seed=seed, case=case)
 
 
@@ -164,29 +164,29 @@ def load(name_or_path: str | os.PathLike[str]) -> AdoptedScenario:
     name = os.fspath(name_or_path)
     # A replay needs no scenario keys; and a base is merged first, so that an effect can be put into a built-in scenario.
     values = scenarios.load_document(name)
-    added = {key: values.pop(key) for key in scenarios.ADOPTED_TABLES if key in values}
+    tables = {key: values.pop(key) for key in scenarios.ADOPTED_TABLES if key in values}
     try:
-        extra = _Additions.model_validate(added)
+        sections = _Additions.model_validate(tables)
     except ValidationError as error:
         raise InputError(f"{name}: {format_validation_error(error, _Additions)}") from None
     plan: Scenario | ReplayPlan
-    if extra.replay is None:
+    if sections.replay is None:
         plan = scenarios.validate_scenario(values, name)
         title = plan.title
     else:
-        title = str(values.pop("title", extra.replay.recording))
+        title = str(values.pop("title", sections.replay.recording))
         if values:
             raise InputError(f"{name}: {', '.join(values)}: a replay takes its plan from the recording; leave it out")
-        plan = _load_replay(extra.replay, Path(name).parent, name)
-    effects = tuple(_build_setting(entry, name) for entry in extra.effect)
-    made = AdoptedScenario(title, plan, effects)
-    return replace(made, covariance=_read_covariance(extra.posterior, made.amplitudes.size, name))
+        plan = _load_replay(sections.replay, Path(name).parent, name)
+    effects = tuple(_build_setting(entry, name) for entry in sections.effect)
+    scenario = AdoptedScenario(title, plan, effects)
+    return replace(scenario, covariance=_read_covariance(sections.posterior, scenario.amplitudes.size, name))
 
 
 def format_adopted(
     title: str, recording: str, digest: str, G: Array, bias: Array, effects: Sequence[Setting], covariance: Array
 ) -> str:
-    """The TOML of an adopted scenario; arguments as of the tables in the module's text, bias in rad/s."""
+    """Format an adopted scenario as TOML; arguments as of the tables in the module's text, bias in rad/s."""
     lines = [f"title = {format_toml(title)}", "", "[replay]"]
     plan = {"recording": recording, "sha256": digest, "true_G": G.tolist(), "true_bias_deg_s": np.rad2deg(bias).tolist()}
     lines += [f"{key} = {format_toml(value)}" for key, value in plan.items()]
@@ -196,8 +196,8 @@ def format_adopted(
             lines.append(f"axis = {format_toml(setting_of_effect.axis)}")
         lines.append(f"size = {format_toml(setting_of_effect.size)}  # {REGISTRY[setting_of_effect.effect].unit}")
         if setting_of_effect.parameters:
-            inside = ", ".join(f"{key} = {format_toml(value)}" for key, value in setting_of_effect.parameters.items())
-            lines.append(f"parameters = {{ {inside} }}")
+            parameters = ", ".join(f"{key} = {format_toml(value)}" for key, value in setting_of_effect.parameters.items())
+            lines.append(f"parameters = {{ {parameters} }}")
     if effects:
         names = [effect.label() for effect in effects for _ in REGISTRY[effect.effect].amplitudes(effect)]
         lines += ["", "[posterior]", f"# of the amplitudes of {', '.join(names)}"]
@@ -206,14 +206,14 @@ def format_adopted(
 
 
 def hash_recording(recording: Recording) -> str:
-    """SHA-256 of a recording's samples, references, stated noises and intervals, as they are when it is loaded from file."""
+    """Hash a recording's samples, references, stated noises and intervals as loaded from file, by SHA-256."""
     hashed = hashlib.sha256()
     gyro, attitudes = recording.gyro, recording.attitudes
     correlation = () if attitudes.correlation is None else (attitudes.correlation,)
     for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma, *correlation):
         hashed.update(np.ascontiguousarray(values).tobytes())
-    about = [gyro.sample_s, gyro.arw, *((i.name, i.start_s, i.stop_s) for i in recording.intervals)]
-    hashed.update(repr(about).encode())
+    spans = [(interval.name, interval.start_s, interval.stop_s) for interval in recording.intervals]
+    hashed.update(repr([gyro.sample_s, gyro.arw, *spans]).encode())
     return hashed.hexdigest()
 
 

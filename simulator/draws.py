@@ -38,7 +38,7 @@ ONE, XOR_BY, ROTATE, ROTATE_BACK, NINE = (np.uint64(value) for value in (1, 11, 
 
 
 def state_words(rng: np.random.Generator) -> Words | None:
-    """The words a, b, c, n of an SFC64 generator, shared with it; None of any other, or if they are not there."""
+    """Return the words a, b, c, n of an SFC64 generator, shared with it; None of any other, or if they are not there."""
     source = rng.bit_generator
     if not isinstance(source, np.random.SFC64):
         return None
@@ -48,7 +48,7 @@ def state_words(rng: np.random.Generator) -> Words | None:
 
 @lru_cache(maxsize=1)
 def read_layers() -> Layers:
-    """Widths and bounds of the layers, read off numpy; a layer that is not as it should be has no quick draws."""
+    """Read widths and bounds of the layers off numpy; a layer that is not as expected has no quick draws."""
     rng = np.random.Generator(np.random.SFC64(0))
     words = state_words(rng)
     assert words is not None
@@ -72,7 +72,7 @@ def read_layers() -> Layers:
 def add_normals(
     rng: np.random.Generator, words: Words, layers: Layers, rates: Array, size: float, duration: Array, out: Array
 ) -> None:
-    """Rates (n, 3) with `rng.standard_normal()` times size/√duration added to each, into out (n, 3).
+    """Add `rng.standard_normal()` times size/√duration to each of the rates (n, 3), into out (n, 3).
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ def add_normals(
     """
     width, bound = layers
     a, b, c, n = words[0], words[1], words[2], words[3]
-    before, sigma = -1.0, 0.0
+    last_duration, sigma = -1.0, 0.0
     for k in range(len(rates)):
-        if duration[k] != before:
-            before = duration[k]
-            sigma = size / np.sqrt(before)
+        if duration[k] != last_duration:
+            last_duration = duration[k]
+            sigma = size / np.sqrt(last_duration)
         for i in range(rates.shape[1]):
             r = a + n + b
             layer = r & BY_LAYER

@@ -32,7 +32,7 @@ from simulator.truth.integration import accumulate
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import apply_rotation_errors, convert_to_matrix, separation
 
-PASSES = 2  # the correction is linear in the error; what is left after one pass is its square
+PASSES = 2  # the correction is linear in the error; one pass leaves its square
 NEAR_MEAN_SQUARE = 1.5  # mean square distance to the references, in sigma, that is near
 LOOSER = 10.0  # factor on q where they are missed
 MOST_LOOSE = 10  # times
@@ -61,12 +61,12 @@ def replay(
     motion : of `reconstruct_motion`, if it is at hand; the costly part, and the same for every case
     """
     path = reconstruct_motion(recording, G, bias) if motion is None else motion
-    plain, (gyro_rng, reference_rng) = build_noise_free(recording, path, G, bias), make_noise_streams(seed, case, noise)
-    return add_effects_and_noise(plain, path, effects, gyro_rng, reference_rng, seed, case)
+    noise_free, (gyro_rng, reference_rng) = build_noise_free(recording, path, G, bias), make_noise_streams(seed, case, noise)
+    return add_effects_and_noise(noise_free, path, effects, gyro_rng, reference_rng, seed, case)
 
 
 def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
-    """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
+    """Build the noise-free recording of a motion by a gyro with G (3, 3) and bias (3,), rad/s; all else as recorded."""
     return replace(
         recording,
         gyro=replace(recording.gyro, rates=compute_raw_rates(motion.rates, G, bias)),
@@ -75,7 +75,7 @@ def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array
 
 
 def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
-    """The motion of a recording, as of a scenario, by its calibration G (3, 3) and bias (3,), rad/s."""
+    """Reconstruct the motion of a recording by its calibration G (3, 3) and bias (3,), rad/s."""
     rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     quaternions = recording.attitudes.quaternions.copy()
@@ -105,15 +105,15 @@ class _References(NamedTuple):
 
 
 def _fit_to_references(samples: _Samples, rates: Array, references: _References) -> tuple[Array, Array]:
-    """Rates of one interval led near its references, (n, 3), and the attitudes then, (m, 4)."""
+    """Fit the rates of one interval to its references: rates (n, 3), rad/s, and the attitudes at the references (m, 4)."""
     start = references.quaternions[0]
     t_ref = references.t_s
     for _ in range(PASSES):
         path, grid = _integrate_path(samples, rates, t_ref[0], start, t_ref)
-        here = path[np.searchsorted(grid, t_ref)]
+        propagated = path[np.searchsorted(grid, t_ref)]
         # In inertial axes, Aᵀ e.
-        off = np.einsum("nji,nj->ni", convert_to_matrix(here), separation(here, references.quaternions))
-        x = _smooth_errors(off, references.sigma, np.diff(t_ref), samples.arw)
+        error = np.einsum("nji,nj->ni", convert_to_matrix(propagated), separation(propagated, references.quaternions))
+        x = _smooth_errors(error, references.sigma, np.diff(t_ref), samples.arw)
         start = apply_rotation_errors(start[None], (convert_to_matrix(start) @ x[0])[None])[0]
         slope = np.diff(x, axis=0) / np.diff(t_ref)[:, None]
         gap = np.clip(np.searchsorted(t_ref, samples.begin + 0.5 * samples.duration) - 1, 0, len(slope) - 1)
@@ -125,30 +125,30 @@ def _fit_to_references(samples: _Samples, rates: Array, references: _References)
 
 
 def _integrate_path(samples: _Samples, rates: Array, first_s: float, first: Array, marks: Array) -> tuple[Array, Array]:
-    """Attitudes (k, 4) at a grid of times (k,) with all samples' edges and the marks; the one at first_s is given."""
+    """Integrate attitudes (k, 4) at a grid of times (k,), all samples' edges and the marks, from the one at first_s."""
     begin = samples.begin
     end = np.minimum(begin + samples.duration, np.append(begin[1:], np.inf))
     grid = np.unique(np.concatenate([begin, end, marks]))
     middle = 0.5 * (grid[1:] + grid[:-1])
-    of = np.clip(np.searchsorted(begin, middle, side="right") - 1, 0, len(begin) - 1)
-    after = np.minimum(of + 1, len(begin) - 1)
-    hole = (middle > end[of])[:, None]
-    angles = np.where(hole, 0.5 * (rates[of] + rates[after]), rates[of]) * np.diff(grid)[:, None]
-    ahead = int(np.searchsorted(grid, first_s))
-    if ahead > 0:  # samples that start before the first reference: back from it
-        first = accumulate(first, -angles[:ahead][::-1])[-1]
+    sample = np.clip(np.searchsorted(begin, middle, side="right") - 1, 0, len(begin) - 1)
+    next_sample = np.minimum(sample + 1, len(begin) - 1)
+    hole = (middle > end[sample])[:, None]
+    angles = np.where(hole, 0.5 * (rates[sample] + rates[next_sample]), rates[sample]) * np.diff(grid)[:, None]
+    first_index = int(np.searchsorted(grid, first_s))
+    if first_index > 0:  # samples that start before the first reference: back from it
+        first = accumulate(first, -angles[:first_index][::-1])[-1]
     return accumulate(np.ascontiguousarray(first), angles), grid
 
 
-def _smooth_errors(off: Array, sigma: Array, dt: Array, arw: float) -> Array:
-    """Smoothed attitude errors x_k, (m, 3); see the module."""
+def _smooth_errors(error: Array, sigma: Array, dt: Array, arw: float) -> Array:
+    """Smooth attitude errors to x_k, (m, 3); see the module."""
     weight = 1 / sigma**2
     q = max(arw, 1e-12) ** 2
     for _ in range(MOST_LOOSE):
         tie = 1 / (q * dt)
         diagonal = weight + np.append(tie, 0.0) + np.append(0.0, tie)
-        x = solveh_banded(np.vstack([np.append(0.0, -tie), diagonal]), weight[:, None] * off)
-        if np.mean(((off - x) / sigma[:, None]) ** 2) < NEAR_MEAN_SQUARE:
+        x = solveh_banded(np.vstack([np.append(0.0, -tie), diagonal]), weight[:, None] * error)
+        if np.mean(((error - x) / sigma[:, None]) ** 2) < NEAR_MEAN_SQUARE:
             break
         q *= LOOSER
     return np.asarray(x)

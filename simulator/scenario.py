@@ -66,7 +66,7 @@ class OrbitSection(Section):
     nadir: Literal["geocentric", "geodetic"] = "geocentric"
 
     def build_circular_orbit(self) -> CircularOrbit:
-        """The orbit in metres and radians."""
+        """Build the orbit in metres and radians."""
         return CircularOrbit(
             altitude=1e3 * self.altitude_km,
             inclination=radians(self.inclination_deg),
@@ -100,7 +100,7 @@ class GyroSection(Section):
 
 
 class ReferenceSection(Section):
-    """When reference attitudes are taken, and their standard deviation about each body axis."""
+    """Times of the reference attitudes, and their standard deviation about each body axis."""
 
     at: Literal["ends", "series"] = "ends"
     every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
@@ -147,7 +147,7 @@ class SlewSection(Section):
         return value
 
     def slew(self) -> Slew:
-        """The slew in radians, its axis normalised."""
+        """Build the slew in radians, its axis normalised."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         return Slew(axis, radians(self.angle_deg), self.start_s, self.duration_s, self.ramp_fraction)
 
@@ -219,7 +219,7 @@ class IntervalSection(Section):
         return value
 
     def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
-        """The interval's motion in radians."""
+        """Build the interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
         hold = None
         if self.hold:
@@ -283,12 +283,12 @@ def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit:
 
 
 def names() -> tuple[str, ...]:
-    """Names of the built-in scenarios."""
+    """List the names of the built-in scenarios."""
     return tuple(sorted(entry.name[:-5] for entry in SCENARIOS.iterdir() if entry.name.endswith(".toml")))
 
 
 def read_text(name: str) -> str:
-    """TOML of a built-in scenario, as it is on file."""
+    """Read the TOML of a built-in scenario, as it is on file."""
     if name not in names():
         raise InputError(f"{name}: no built-in scenario; {suggest_names(name, names())}")
     return (SCENARIOS / f"{name}.toml").read_text(encoding="utf-8")
@@ -312,12 +312,12 @@ def load(name_or_path: str | os.PathLike[str]) -> Scenario:
 
 
 def load_document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:
-    """A scenario's document as it stands, bases merged in and not validated; arguments and errors as of `load`."""
+    """Load a scenario's document as it stands, bases merged in and not validated; arguments and errors as of `load`."""
     return _merge_bases(os.fspath(name_or_path), Path(), ())
 
 
 def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
-    """A scenario with some values replaced, validated again as a whole.
+    """Replace some values of a scenario, and validate it again as a whole.
 
     An `InputError` if a path leads nowhere, or the result is not a valid scenario.
 
@@ -333,7 +333,7 @@ def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
 
 
 def build_profiles(scenario: Scenario) -> tuple[Profile, ...]:
-    """The motion of each interval, in radians."""
+    """Build the motion of each interval, in radians."""
     orbit = scenario.orbit.build_circular_orbit()
     sway, control = None, scenario.control_motion
     if control:
@@ -342,7 +342,7 @@ def build_profiles(scenario: Scenario) -> tuple[Profile, ...]:
 
 
 def validate_scenario(values: dict[str, Any], source: str) -> Scenario:
-    """The scenario of a document; one `InputError` with every fault, which names the source."""
+    """Validate a document as a scenario; one `InputError` with every fault, which names the source."""
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:
@@ -350,7 +350,7 @@ def validate_scenario(values: dict[str, Any], source: str) -> Scenario:
 
 
 def _merge_bases(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
-    """A scenario's document with its bases merged in; inside are the identities of the scenarios on the way here."""
+    """Merge a scenario's bases into its document; inside are the identities of the scenarios on the way here."""
     path = folder / name
     identity = name if name in names() else str(path.resolve())
     if identity in inside:
@@ -375,7 +375,7 @@ def _merge_bases(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, 
 
 
 def _merge_tables(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Tables merged, all else replaced."""
+    """Merge tables, replace all else."""
     out = {**base, **changes}
     for key in base.keys() & changes.keys():
         if isinstance(base[key], dict) and isinstance(changes[key], dict):
@@ -384,7 +384,7 @@ def _merge_tables(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, An
 
 
 def _convert_to_lists(value: Any) -> Any:
-    """The document with lists in place of tuples, so that items can be replaced."""
+    """Convert tuples of a document to lists, so that items can be replaced."""
     if isinstance(value, dict):
         return {key: _convert_to_lists(item) for key, item in value.items()}
     return [_convert_to_lists(item) for item in value] if isinstance(value, tuple) else value

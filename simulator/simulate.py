@@ -35,21 +35,21 @@ TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
     """Simulate the noise-free truth of a scenario; substeps: integration steps per gyro sample."""
-    parts = [_move(profile, scenario, substeps) for profile in build_profiles(scenario)]
+    parts = [_simulate_interval(profile, scenario, substeps) for profile in build_profiles(scenario)]
 
     def join(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts])
 
     reference_t_s = join("reference_t_s")
     # Where two intervals touch, the reference at the end of the first serves both.
-    kept = np.diff(reference_t_s, prepend=-np.inf) > TIME_TOLERANCE
+    is_new = np.diff(reference_t_s, prepend=-np.inf) > TIME_TOLERANCE
     return Motion(
         t_s=join("t_s"),
         duration_s=join("duration_s"),
         rates=join("rates"),
         intervals=_build_slices([part.t_s.size for part in parts]),
-        reference_t_s=reference_t_s[kept],
-        quaternions=join("quaternions")[kept],
+        reference_t_s=reference_t_s[is_new],
+        quaternions=join("quaternions")[is_new],
         sensor_t_s=join("sensor_t_s"),
         sensor_quaternions=join("sensor_quaternions"),
         sensor_intervals=_build_slices([part.sensor_t_s.size for part in parts]),
@@ -57,7 +57,7 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
 
 
 def list_reference_times(profile: Profile, every: float | None) -> Array:
-    """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
+    """List local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
 
     A series is spaced by ``every``, s, from the interval's start; None for the two ends only.
     """
@@ -75,16 +75,16 @@ def _build_slices(counts: Sequence[int]) -> tuple[slice, ...]:
     return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *counts])))
 
 
-def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
-    """Motion of one interval."""
+def _simulate_interval(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
+    """Simulate the motion of one interval."""
     length, section = profile.stop_s - profile.start_s, scenario.reference
     sample_s = scenario.gyro.sample_s
     edges = np.append(sample_s * np.arange(int(np.ceil(length / sample_s - TIME_TOLERANCE))), length)
     reference_tau = list_reference_times(profile, section.every_s if section.at == "series" else None)
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
-    tagged = scenario.sensors.every_s if scenario.sensors else None
-    sensor_tau = np.asarray(tagged * np.arange(int(np.ceil(length / tagged))), dtype=float) if tagged else np.zeros(0)
+    spacing = scenario.sensors.every_s if scenario.sensors else None
+    sensor_tau = np.asarray(spacing * np.arange(int(np.ceil(length / spacing))), dtype=float) if spacing else np.zeros(0)
     grid = np.unique(np.concatenate([edges, reference_tau, knots, sensor_tau]))
     path = integrate_trajectory(profile, grid, substeps)
     duration = np.diff(edges)
@@ -117,7 +117,7 @@ def realise(
     *,
     out: Array | None = None,
 ) -> tuple[Array, Array]:
-    """One case's noise on noise-free rates and on the motion's attitudes.
+    """Draw one case's noise on noise-free rates and on the motion's attitudes.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def observe(
     seed: int = 0,
     case: int = 0,
 ) -> Recording:
-    """One recording of a motion.
+    """Simulate one recording of a motion.
 
     Parameters
     ----------
@@ -162,10 +162,10 @@ def observe(
     seed, case : of the effects' own random streams
     """
     if effects:
-        plain = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
-        plain = _add_housekeeping(plain, motion, effects, seed, case)
+        noise_free = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
+        noise_free = _add_housekeeping(noise_free, motion, effects, seed, case)
         point = scenario.gyro.reading == "point"
-        return add_effects_and_noise(plain, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
+        return add_effects_and_noise(noise_free, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
     gyro = scenario.gyro
     rates, quaternions = realise(scenario, motion, compute_noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
@@ -183,13 +183,13 @@ def observe(
             apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
         ),
         attitudes=attitudes,
-        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in scenario.interval),
+        intervals=tuple(Interval(part.name, part.activity, part.start_s, part.stop_s) for part in scenario.interval),
         orbit=Orbit(scenario.orbit.build_circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
     )
 
 
 def add_effects_and_noise(
-    plain: Recording,
+    noise_free: Recording,
     motion: Motion,
     effects: Sequence[Setting],
     gyro_rng: np.random.Generator | None,
@@ -199,71 +199,74 @@ def add_effects_and_noise(
     point: bool = False,
     around: Surroundings | None = None,
 ) -> Recording:
-    """A noise-free recording with effects and noise.
+    """Add effects and noise to a noise-free recording.
 
     Parameters
     ----------
-    plain : noise-free rates and true attitudes of the motion, with the stated noise, the housekeeping and all else
+    noise_free : noise-free rates and true attitudes of the motion, with the stated noise, the housekeeping and all else
     point : whether a sample shows the rate at its start
     around : `build_surroundings` of these, if they are at hand; the same for every case; others as for `observe`
     """
     active = prepare_effects(effects, seed, case)
-    around = build_surroundings(plain, motion, point) if around is None else around
+    around = build_surroundings(noise_free, motion, point) if around is None else around
     return replace(
-        plain,
-        gyro=replace(plain.gyro, rates=simulate_readings(around, active, gyro_rng)),
-        attitudes=replace(plain.attitudes, quaternions=simulate_references(around, active, reference_rng)),
+        noise_free,
+        gyro=replace(noise_free.gyro, rates=simulate_readings(around, active, gyro_rng)),
+        attitudes=replace(noise_free.attitudes, quaternions=simulate_references(around, active, reference_rng)),
     )
 
 
-def build_surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
-    """The noise-free truth as effects see it."""
+def build_surroundings(noise_free: Recording, motion: Motion, point: bool = False) -> Surroundings:
+    """Build the noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
     stream = Stream(
         t_s=t_s,
         duration_s=motion.duration_s,
         rates=motion.rates,
-        raw=plain.gyro.rates,
+        raw=noise_free.gyro.rates,
         intervals=motion.intervals,
-        orbit_period_s=read_period(plain),
-        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
-        housekeeping=interpolate_housekeeping(plain, t_s),
+        orbit_period_s=read_period(noise_free),
+        span_s=(
+            min(part.start_s for part in noise_free.intervals),
+            max(part.stop_s for part in noise_free.intervals),
+        ),
+        housekeeping=interpolate_housekeeping(noise_free, t_s),
     )
-    references, axes = extract_references(plain), plain.attitudes.build_error_axes()
-    return Surroundings(stream, references, plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma, axes)
+    references, axes = extract_references(noise_free), noise_free.attitudes.build_error_axes()
+    return Surroundings(stream, references, noise_free.gyro.arw, noise_free.gyro.sample_s, noise_free.attitudes.sigma, axes)
 
 
-def add_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+def add_gyro_temperature(noise_free: Recording, seed: int = 0, case: int = 0) -> Recording:
     """Add the simulator's gyro temperature to the housekeeping; without an orbit the recording is unchanged."""
-    if plain.orbit is None:
-        return plain
-    spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
-    table = simulate_gyro_temperature(generator(seed, case, "housekeeping"), spans, plain.orbit.period_s)
-    return replace(plain, tables={**plain.tables, "housekeeping": table})
+    if noise_free.orbit is None:
+        return noise_free
+    spans = [(interval.start_s, interval.stop_s) for interval in noise_free.intervals]
+    table = simulate_gyro_temperature(generator(seed, case, "housekeeping"), spans, noise_free.orbit.period_s)
+    return replace(noise_free, tables={**noise_free.tables, "housekeeping": table})
 
 
-def add_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+def add_acceleration(noise_free: Recording, seed: int = 0, case: int = 0) -> Recording:
     """Add the accelerations of a body on a rate table to the housekeeping."""
-    attitudes, table = plain.attitudes, plain.tables.get("housekeeping")
-    shown = simulate_table_acceleration(generator(seed, case, "acceleration"), attitudes.t_s, attitudes.quaternions)
-    merged = shown if table is None else table.merge(shown, on="t_s", how="outer")
-    return replace(plain, tables={**plain.tables, "housekeeping": merged})
+    attitudes, table = noise_free.attitudes, noise_free.tables.get("housekeeping")
+    accelerations = simulate_table_acceleration(generator(seed, case, "acceleration"), attitudes.t_s, attitudes.quaternions)
+    merged = accelerations if table is None else table.merge(accelerations, on="t_s", how="outer")
+    return replace(noise_free, tables={**noise_free.tables, "housekeeping": merged})
 
 
-def _add_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
+def _add_housekeeping(noise_free: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
     """Add a gyro temperature or accelerations if an effect needs them."""
 
     def find_lacking(recording: Recording) -> set[str]:
         around = build_surroundings(recording, motion)
         return {effect.effect for effect in effects if REGISTRY[effect.effect].missing(around) is not None}
 
-    recording = plain
+    recording = noise_free
     for add in (add_gyro_temperature, add_acceleration):
         lacking = find_lacking(recording)
         if not lacking:
             break
-        more = add(recording, seed, case)
-        recording = more if lacking - find_lacking(more) else recording
+        extended = add(recording, seed, case)
+        recording = extended if lacking - find_lacking(extended) else recording
     return recording
 
 

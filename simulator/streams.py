@@ -12,7 +12,7 @@ WORD = 2**32 - 1
 
 
 def generator(entropy: int, case: int, name: str) -> np.random.Generator:
-    """Random generator of one named stream of one case; a `ValueError` if the entropy is negative or the case is out of range.
+    """Build the random generator of one named stream of one case; a `ValueError` for a negative entropy or a case out of range.
 
     Parameters
     ----------

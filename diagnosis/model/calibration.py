@@ -28,7 +28,7 @@ from diagnosis.model.folds import assign_folds
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
 from gyrocal.arrays import Array, Indices, Mask
-from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check
+from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check_residual_size
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.recording import Interval, Recording, find_reference_rows
@@ -232,7 +232,7 @@ def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | N
     if np.isfinite(residuals).all():
         residuals, kept = _drop_outliers(residuals, model.interval_of_reference)
     try:
-        check(residuals)
+        check_residual_size(residuals)
     except LargeResidualError as error:
         return error, kept
     return None, kept

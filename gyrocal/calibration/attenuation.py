@@ -31,7 +31,7 @@ from gyrocal.calibration.problem import Problem
 
 
 def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
-    """∫ M(s) ds over an interval.
+    """Integrate M(s) over an interval.
 
     Returns (3, 3) in body axes, s/rad².
 
@@ -53,16 +53,16 @@ def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) 
 
 
 def estimate_attenuation(problem: Problem, G: Array, P: Array) -> Array:
-    """E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
+    """Estimate E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
 
     problem: with the full covariance
     G, P: (3, 3) calibrated, and the (12, 12) covariance of G and b
     """
-    made = problem.measurements
-    arw = problem.arw * float(np.sqrt(made.noise_gain))
+    measurements = problem.measurements
+    arw = problem.arw * float(np.sqrt(measurements.noise_gain))
     total = np.zeros((3, 3))
-    for arc in np.unique(made.arcs.arc):
-        members = np.flatnonzero(made.arcs.arc == arc)
-        rows = np.append(made.start[members[0]], made.row[members])
-        total += integrate_information(problem.A[rows], problem.noise[rows], made.elapsed_s[members], arw)
+    for arc in np.unique(measurements.arcs.arc):
+        members = np.flatnonzero(measurements.arcs.arc == arc)
+        rows = np.append(measurements.start[members[0]], measurements.row[members])
+        total += integrate_information(problem.A[rows], problem.noise[rows], measurements.elapsed_s[members], arw)
     return np.asarray(-P @ np.append((arw**2 * total @ G).ravel(), np.zeros(3)))

@@ -63,6 +63,6 @@ def compute_change(
     covariance = saved_covariance if is_same_recording else saved_covariance + new_covariance
     sigma = np.sqrt(np.diag(covariance))
     values, directions = np.linalg.eigh(covariance[np.ix_(solved, solved)] / np.outer(sigma[solved], sigma[solved]))
-    kept = values > SMALLEST_EIGENVALUE
-    whitened = (directions[:, kept].T @ (difference[solved] / sigma[solved])) / np.sqrt(values[kept])
-    return CalibrationChange(difference, sigma, float(whitened @ whitened), int(kept.sum()), is_same_recording)
+    regular = values > SMALLEST_EIGENVALUE
+    whitened = (directions[:, regular].T @ (difference[solved] / sigma[solved])) / np.sqrt(values[regular])
+    return CalibrationChange(difference, sigma, float(whitened @ whitened), int(regular.sum()), is_same_recording)

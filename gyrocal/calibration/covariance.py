@@ -1,4 +1,4 @@
-"""What the covariance of the attitude residuals holds.
+"""Covariance of the attitude residuals.
 
 With A_obs = exp([e×]) A_true at each reference attitude and the gyro's white noise n (root PSD ARW) in the rates, the residual
 of output j, propagated from reference 0 through R_j, is to first order
@@ -40,7 +40,7 @@ MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}
 
 
 def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
-    """Groups of intervals whose residuals correlate because they share a reference attitude, as intervals that touch do.
+    """Group intervals that share a reference attitude, as intervals that touch do: their residuals correlate.
 
     first_rows, last_rows: reference rows at the start and end of each interval, which uses all from one to the other.
     """
@@ -55,7 +55,7 @@ def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
 
 
 def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[Indices, Indices]:
-    """Group correlated residuals: their order (m,), and one past the end of each group."""
+    """Group residuals that correlate: their order (m,), and one past the end of each group."""
     numbers, firsts = np.unique(interval, return_index=True)
     lasts = np.append(firsts[1:], len(row)) - 1
     chains = chain_intervals(start[firsts], row[lasts])
@@ -64,13 +64,13 @@ def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[In
 
 
 def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:
-    """ARW² T I (m, 3, 3) of white noise of root PSD arw, rad/sqrt(s), after some times (m,) s."""
+    """Compute ARW² T I (m, 3, 3), rad², of white noise of root PSD arw, rad/sqrt(s), after times (m,) s."""
     return np.asarray(arw**2 * elapsed_s[:, None, None] * np.eye(3))
 
 
 @compile_cached
 def compute_residual_covariance(R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array) -> Array:
-    """Covariance V (3m, 3m) of m residuals.
+    """Compute the covariance V (3m, 3m) of m residuals, rad².
 
     R: (m, 3, 3) rotation from the start of the interval to each residual
     interval: (m,) interval of each residual; those of one are in the order of time
@@ -82,19 +82,19 @@ def compute_residual_covariance(R: Array, interval: Indices, start: Indices, row
     V = np.zeros((3 * m, 3 * m))
     for a in range(m):
         for b in range(a + 1):
-            turned = np.zeros((3, 3))  # by R of b, the errors that R carries to both
+            shared_turned = np.zeros((3, 3))  # covariance of the errors at the start that a and b share, times R_bᵀ
             for i in range(3):
                 for k in range(3):
-                    both = noise[start[a], i, k] if start[a] == start[b] else 0.0
+                    shared = noise[start[a], i, k] if start[a] == start[b] else 0.0
                     if interval[a] == interval[b]:
-                        both += walk[b, i, k]
+                        shared += walk[b, i, k]
                     for j in range(3):
-                        turned[i, j] += both * R[b, j, k]
+                        shared_turned[i, j] += shared * R[b, j, k]
             for i in range(3):
                 for j in range(3):
                     value = noise[row[a], i, j] if row[a] == row[b] else 0.0
                     for k in range(3):
-                        value += R[a, i, k] * turned[k, j]
+                        value += R[a, i, k] * shared_turned[k, j]
                     # e_j of one residual is e_0 of another where an interval ends at the reference the next starts from.
                     if row[a] == start[b]:
                         for k in range(3):
@@ -118,7 +118,7 @@ def model_covariance(
     model: int,
     given: Array,
 ) -> Array:
-    """Covariance V (3m, 3m) of m residuals under a model.
+    """Compute the covariance V (3m, 3m) of m residuals under a model, rad².
 
     R, interval, start, row, noise, walk: as in `compute_residual_covariance`
     model: FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
@@ -138,7 +138,7 @@ def model_covariance(
 
 
 def find_chains(order: Indices, ends: Indices, interval: Indices, start: Indices, row: Indices) -> BoolArray:
-    """Whether in each group, (groups,), every interval starts at the reference that ends the one before it.
+    """Find the groups, (groups,), in which every interval starts at the reference that ends the one before it.
 
     order, ends : the groups as in `group_residuals`; interval, start, row as in `compute_residual_covariance`
     """
@@ -169,52 +169,53 @@ def whiten_chain(
     out: (3n, c) for L⁻¹ values of these, L Lᵀ their covariance
     variance: (m, 3) of all residuals
     """
-    # Loops: what numpy allows of shapes and layouts would be most of the time to compile.
+    # Loops: numpy's generality in shapes and layouts would take most of the time to compile. x, P: estimate and covariance of
+    # the random walk in the axes at the start; included: the walk's covariance up to the residual before, which P holds.
     interval, start, row, noise = references
-    columns, before = values.shape[1], -1
-    x, P, known = np.zeros((3, columns)), np.zeros((3, 3)), np.zeros((3, 3))
+    columns, previous = values.shape[1], -1
+    x, P, included = np.zeros((3, columns)), np.zeros((3, 3)), np.zeros((3, 3))
     innovation, gain, identity = np.empty((3, columns)), np.empty((3, 3)), np.zeros((3, 3))
     identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
     for k in range(len(order)):
         a = order[k]
-        if before < 0 or interval[a] != interval[before]:
-            if before >= 0 and start[a] == row[before]:
-                x, P = multiply(R[before], x), transform_covariance(R[before], P)
+        if previous < 0 or interval[a] != interval[previous]:
+            if previous >= 0 and start[a] == row[previous]:
+                x, P = multiply(R[previous], x), transform_covariance(R[previous], P)
                 for i in range(3):
                     for c in range(columns):
-                        x[i, c] -= values[3 * before + i, c]
+                        x[i, c] -= values[3 * previous + i, c]
             else:
                 x, P = np.zeros((3, columns)), noise[start[a]].copy()
             for i in range(3):
                 for j in range(3):
-                    known[i, j] = 0.0
+                    included[i, j] = 0.0
         for i in range(3):
             for j in range(3):
-                P[i, j] += walk[a, i, j] - known[i, j]
-                known[i, j] = walk[a, i, j]
-        of_start, of_gyro = transform_covariance(R[a], noise[start[a]]), transform_covariance(R[a], walk[a])
+                P[i, j] += walk[a, i, j] - included[i, j]
+                included[i, j] = walk[a, i, j]
+        start_noise, gyro_noise = transform_covariance(R[a], noise[start[a]]), transform_covariance(R[a], walk[a])
         S, predicted = transform_covariance(R[a], P), multiply(R[a], x)
         for i in range(3):
-            variance[a, i] = of_start[i, i] + of_gyro[i, i] + noise[row[a], i, i]
+            variance[a, i] = start_noise[i, i] + gyro_noise[i, i] + noise[row[a], i, i]
             for j in range(3):
                 S[i, j] += noise[row[a], i, j]
             for c in range(columns):
                 innovation[i, c] = values[3 * a + i, c] - predicted[i, c]
-        root = solve_lower(compute_lower_root(S), identity)
-        seen, white = multiply(root, R[a]), multiply(root, innovation)
-        half = multiply(seen, P)
+        root = solve_lower(compute_lower_root(S), identity)  # S⁻¹ = rootᵀ root
+        white_R, white_innovation = multiply(root, R[a]), multiply(root, innovation)
+        white_RP = multiply(white_R, P)
         for i in range(3):
             for j in range(3):
-                gain[i, j] = half[j, i]
-        K, kept, correction = multiply(gain, root), multiply(gain, seen), multiply(gain, white)
+                gain[i, j] = white_RP[j, i]
+        K, complement, correction = multiply(gain, root), multiply(gain, white_R), multiply(gain, white_innovation)
         for i in range(3):
             for j in range(3):
-                kept[i, j] = identity[i, j] - kept[i, j]
+                complement[i, j] = identity[i, j] - complement[i, j]
             for c in range(columns):
-                out[3 * k + i, c] = white[i, c]
+                out[3 * k + i, c] = white_innovation[i, c]
                 x[i, c] += correction[i, c]
-        P, added = transform_covariance(kept, P), transform_covariance(K, noise[row[a]])
+        P, noise_part = transform_covariance(complement, P), transform_covariance(K, noise[row[a]])
         for i in range(3):
             for j in range(3):
-                P[i, j] += added[i, j]
-        before = a
+                P[i, j] += noise_part[i, j]
+        previous = a

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class Accumulation:
         self.u += H.T @ z
 
     def solve(self) -> tuple[Array, Array]:
-        """Δx (p,) and P (p, p)."""
+        """Solve for Δx (p,) and P (p, p)."""
         P = np.asarray(np.linalg.inv(self.W) * np.outer(self.scale, self.scale))
         return np.asarray(self.scale * np.linalg.solve(self.W, self.u)), P
 
@@ -122,7 +122,7 @@ class RecursiveCalibrator:
         self._pass.update(raw, dt)
 
     def finish(self, A_obs: Array, sigma: Array) -> Array:
-        """End the maneuver at the observed attitude; returns the residual θ (3,) of N (16), rad."""
+        """End the maneuver at the observed attitude; return the residual θ (3,) of N (16), rad."""
         R = self._pass.R
         theta = attitude.residual(A_obs, R @ self._A)
         C = np.diag(np.square(sigma)) + R @ self._C @ R.T + self._arw**2 * self._pass.t * np.eye(3)
@@ -132,7 +132,7 @@ class RecursiveCalibrator:
         return theta
 
     def solve(self) -> tuple[GyroParameters, Array]:
-        """Corrected parameters, and the covariance (p, p) of those solved for, after the last maneuver, N (33)."""
+        """Solve N (33) after the last maneuver: corrected parameters, and the covariance (p, p) of those solved for."""
         correction, P = self._sums.solve()
         x = self._space.vector(self.parameters)
         x[self._columns] -= correction
@@ -199,8 +199,7 @@ def calibrate(
     space = select_parameter_space(parametrisation)
     names = select(solve_for, space.names)
     p = len(names)
-    limit = max_iterations if iterations is None else iterations
-    if limit < 1:
+    if (limit := max_iterations if iterations is None else iterations) < 1:
         raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
         apriori_covariance = _check_covariance(apriori_covariance, p, "the a-priori covariance")
@@ -212,74 +211,101 @@ def calibrate(
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(problem.columns >= 9)
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
-    x0, columns = space.vector(start), problem.columns
-    x, parameters = x0, start
-    corrections: list[GyroParameters] = []
-    converged = False
-    first = state = _evaluate_problem(problem, recording, start, start)
-    judged = evaluate_observability(state.H / problem.scale, plausible, names)
+    x0 = space.vector(start)
+    first = _evaluate_problem(problem, recording, start, start)
+    observability = evaluate_observability(first.H / problem.scale, plausible, names)
     prior_from = None if apriori_covariance is None else "given"
-    if judged.unobservable and apriori_covariance is None:
-        if len(judged.unobservable) == p:
-            raise UnobservableError(
-                _format_unobservable(recording, len(state.theta), judged.unobservable, ranges, problem),
-                judged.unobservable,
-            )
+    if observability.unobservable and apriori_covariance is None:
+        if len(observability.unobservable) == p:
+            message = _format_unobservable(recording, len(first.theta), observability.unobservable, ranges, problem)
+            raise UnobservableError(message, observability.unobservable)
         apriori_covariance, prior_from = np.diag(plausible**2), PLAUSIBLE_PRIOR
-    for _ in range(limit):
-        sums = Accumulation(columns, apriori_covariance, (x - x0)[columns])
-        sums.add(state.H, state.z)
-        step = np.zeros(12)
-        step[columns], P = sums.solve()
-        x = x - step
-        before, parameters = parameters, space.parameters(x)
-        corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
-        state = _evaluate_problem(problem, recording, parameters, start)
-        converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
-        if converged and iterations is None:
-            break
-    logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
+    tolerance = (tolerance_G, tolerance_bias)
+    last = _iterate(problem, recording, start, x0, first, apriori_covariance, iterations, max_iterations, tolerance)
     covariance = np.zeros((12, 12))
-    covariance[np.ix_(columns, columns)] = P
-    J = space.jacobian(parameters)
-    # A prior adds p equations and the solution takes p away.
-    dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0)
-    off = (x - x0)[columns]
-    prior_chi2 = 0.0 if apriori_covariance is None else float(off @ np.linalg.solve(apriori_covariance, off))
+    covariance[np.ix_(problem.columns, problem.columns)] = last.P
+    J = space.jacobian(last.parameters)
+    attenuation = None
+    if problem.model == "full":
+        attenuation = estimate_attenuation(problem, last.parameters.G, J @ covariance @ J.T)
+    dof, prior_chi2, prior_sigma = 3 * len(last.state.theta) - p, 0.0, None
+    if apriori_covariance is not None:  # it adds p equations, as many as the solution takes away
+        prior_chi2 = float(last.change @ np.linalg.solve(apriori_covariance, last.change))
+        dof, prior_sigma = dof + p, dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True))
     return CalibrationResult(
         recording=recording.title,
-        parameters=parameters,
+        parameters=last.parameters,
         initial=start,
         solved_for=names,
         own_covariance=covariance,
         covariance_model=problem.model,
         psi=psi,
-        corrections=tuple(corrections),
-        converged=converged,
-        residuals=tabulate_residuals(recording, prepared, first, state),
-        observability=judged,
-        chi2=state.chi2 + prior_chi2,
+        corrections=last.corrections,
+        converged=last.converged,
+        residuals=tabulate_residuals(recording, prepared, first, last.state),
+        observability=observability,
+        chi2=last.state.chi2 + prior_chi2,
         dof=dof,
         options={
             "step_s": step_s or recording.gyro.sample_s,
             "resampling": resampling,
             "max_gap_s": max_gap_s,
             "held_s": prepared.held_s,
-            "prior_sigma": None
-            if apriori_covariance is None
-            else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
+            "prior_sigma": prior_sigma,
             "prior_from": prior_from,
             "iterations": iterations,
         },
         parametrisation=parametrisation,
         noise_degrees=count_noise_degrees(recording, dof),
-        attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if problem.model == "full" else None,
+        attenuation=attenuation,
         plausible=ranges,
     )
 
 
+class _Iteration(NamedTuple):
+    """Parameters and state after the last iteration."""
+
+    parameters: GyroParameters
+    state: State
+    change: Array  # (p,) of the solved-for parameters since the start
+    P: Array  # (p, p)
+    corrections: tuple[GyroParameters, ...]
+    converged: bool
+
+
+def _iterate(
+    problem: Problem,
+    recording: Recording,
+    start: GyroParameters,
+    x0: Array,
+    state: State,
+    apriori_covariance: Array | None,
+    iterations: int | None,
+    max_iterations: int,
+    tolerance: tuple[float, float],
+) -> _Iteration:
+    """Iterate N (31)–(33) from the start, x0 (12,) in the parametrisation, and its state; tolerance of G and of the bias."""
+    space, columns = select_parameter_space(problem.parametrisation), problem.columns
+    x, parameters, converged = x0, start, False
+    corrections: list[GyroParameters] = []
+    for _ in range(max_iterations if iterations is None else iterations):
+        sums = Accumulation(columns, apriori_covariance, (x - x0)[columns])
+        sums.add(state.H, state.z)
+        step = np.zeros(12)
+        step[columns], P = sums.solve()
+        x = x - step
+        previous, parameters = parameters, space.parameters(x)
+        corrections.append(GyroParameters.from_vector(parameters.vector - previous.vector))
+        state = _evaluate_problem(problem, recording, parameters, start)
+        converged = bool(np.abs(step[:9]).max() <= tolerance[0] and np.abs(step[9:]).max() <= tolerance[1])
+        if converged and iterations is None:
+            break
+    logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
+    return _Iteration(parameters, state, (x - x0)[columns], P, tuple(corrections), converged)
+
+
 def _evaluate_problem(problem: Problem, recording: Recording, parameters: GyroParameters, start: GyroParameters) -> State:
-    """The state at some parameters; where residuals are too large, an error that says where and what would fit at the start."""
+    """Evaluate a problem; for too large residuals, raise an error with the place and what would fit at the start."""
     try:
         return problem.state(parameters)
     except LargeResidualError as error:
@@ -298,7 +324,7 @@ def residual_table(
     resampling: Resampling = "average",
     max_gap_s: float | None = None,
 ) -> pd.DataFrame:
-    """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
+    """Tabulate residuals under given parameters without estimating; the "before" columns of `CalibrationResult.residuals`."""
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
     state = _evaluate_problem(Problem.build(recording, prepared, psi=psi), recording, parameters, parameters)
     table = tabulate_residuals(recording, prepared, state, state)
@@ -306,6 +332,7 @@ def residual_table(
 
 
 def _check_covariance(value: Array, size: int, what: str) -> Array:
+    """Return a covariance (size, size) as floats; an `InputError` that names it if it is not positive definite."""
     value = np.array(value, dtype=float)
     if value.shape != (size, size):
         raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
@@ -321,7 +348,7 @@ def _check_covariance(value: Array, size: int, what: str) -> Array:
 def _select_given_covariance(
     interval_covariance: Array | None, residual_covariance: Array | None, intervals: int, residuals: int
 ) -> Array | None:
-    """The one of both that is given, checked: (intervals, 3, 3), or (3m, 3m) of m residuals."""
+    """Check the covariance that is given, if any, and return it: (intervals, 3, 3), or (3m, 3m) of m residuals."""
     if residual_covariance is not None:
         if interval_covariance is not None:
             raise InputError("give interval_covariance or residual_covariance, not both")

@@ -23,28 +23,28 @@ from gyrocal.recording import Recording, find_reference_rows
 
 
 def count_noise_degrees(recording: Recording, dof: float) -> float:
-    """Degrees of freedom of the stated noise beside a χ² of its references; infinite if nothing of it was estimated."""
+    """Count the degrees of freedom of the stated noise beside a χ² of its references; infinite if it is no estimate."""
     gyro, attitudes = recording.gyro, recording.attitudes
     spacings = [np.diff(attitudes.t_s[find_reference_rows(attitudes.t_s, interval)]) for interval in recording.intervals]
     if dof <= 0 or not any(part.size for part in spacings):
         return float("inf")
     q = gyro.arw**2 * float(np.median(np.concatenate(spacings))) / float(np.mean(np.square(attitudes.sigma)))
-    share = np.sqrt(q / (q + 4))
-    inverse = share**2 / gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else 0.0
+    gyro_share = np.sqrt(q / (q + 4))
+    inverse = gyro_share**2 / gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else 0.0
     if attitudes.sigma_estimated and attitudes.sigma_degrees > 0:
-        inverse += (1 - share) ** 2 * max(1 / attitudes.sigma_degrees - 2 / dof, 0.0)
+        inverse += (1 - gyro_share) ** 2 * max(1 / attitudes.sigma_degrees - 2 / dof, 0.0)
     return float(1 / inverse) if inverse > 0 else float("inf")
 
 
 def compute_chi2_p(chi2: float, dof: float, noise_degrees: float) -> float:
-    """Probability of a larger χ² under noise of the stated level, which may be an estimate."""
+    """Compute the probability of a larger χ² under noise of the stated level, which may be an estimate."""
     if np.isinf(noise_degrees):
         return float(scipy.special.chdtrc(dof, chi2))
     return float(scipy.special.fdtrc(dof, noise_degrees, chi2 / dof))
 
 
 def compute_smaller_chi2_p(chi2: float, dof: float, noise_degrees: float) -> float:
-    """Probability of a smaller χ², exact in its tail."""
+    """Compute the probability of a smaller χ², exact in its tail."""
     if np.isinf(noise_degrees):
         return float(scipy.special.chdtr(dof, chi2))
     return float(scipy.special.fdtr(dof, noise_degrees, chi2 / dof))

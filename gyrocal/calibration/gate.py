@@ -1,4 +1,4 @@
-"""Residuals too large to be linearised, and the line that refuses them: where, and how large.
+"""Refusal of residuals that are too large to be linearised, with their place and size.
 
 Rates in another unit, quaternions in another order or axes that are exchanged leave residuals of many tens of degrees, and a
 linear correction of those would be a number that means nothing.
@@ -34,8 +34,8 @@ class LargeResidualError(InputError):
         self.output = output  # its place among all
 
 
-def check(theta: Array) -> None:
-    """Refuse residuals (m, 3) rad of which one is too large, or not a number.
+def check_residual_size(theta: Array) -> None:
+    """Refuse residuals (m, 3), rad, if one is too large or not a number.
 
     A `LargeResidualError` for the largest of them.
     """
@@ -49,7 +49,7 @@ def check(theta: Array) -> None:
 def build_refusal(
     error: LargeResidualError, recording: Recording, interval: str, t_s: float, G: Array, bias: Array
 ) -> LargeResidualError:
-    """The same error with the interval and the time, and a bias that differs between rests if that explains it.
+    """Build the error again with interval and time, and with the change of the bias between rests if that explains it.
 
     interval, t_s: name of the interval, and time of the reference attitude, s since the epoch
     G, bias: (3, 3), (3,) rad/s that the calibration starts from

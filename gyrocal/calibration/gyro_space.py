@@ -35,24 +35,24 @@ from gyrocal.errors import InputError
 Parametrisation = Literal["gain", "gyro"]
 
 GYRO_NAMES = (*(f"s_{i}" if i == j else f"u_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES), *(f"c_{i}" for i in AXIS_NAMES))
-SMALLEST_OWN = 0.1  # component of a gyro's axis along its own body axis, below which the other two do not describe it
+SMALLEST_OWN_COMPONENT = 0.1  # component of a gyro's axis along its own body axis, below which the other two do not describe it
 
 
 def convert_to_gyro_space(parameters: GyroParameters) -> Array:
-    """(12,) in the order of `GYRO_NAMES`; s and u dimensionless, c in rad/s.
+    """Convert G and b to (12,) in the order of `GYRO_NAMES`; s and u dimensionless, c in rad/s.
 
     An `InputError` if a gyro's axis is nowhere near the body axis it is named for.
     """
     K = np.linalg.inv(parameters.G)
     scale = np.linalg.norm(K, axis=1)
     y = K / scale[:, None]
-    _check_own(np.diag(y))
+    _check_own_axes(np.diag(y))
     np.fill_diagonal(y, scale)
     return np.concatenate([y.ravel(), -K @ parameters.bias])
 
 
 def convert_from_gyro_space(y: Array) -> GyroParameters:
-    """G and b of (12,) in the order of `GYRO_NAMES`.
+    """Convert (12,) in the order of `GYRO_NAMES` to G and b.
 
     An `InputError` if a gyro's axis is nowhere near the body axis it is named for.
     """
@@ -60,23 +60,23 @@ def convert_from_gyro_space(y: Array) -> GyroParameters:
     scale = np.diag(U).copy()
     np.fill_diagonal(U, 0.0)
     diagonal = np.sqrt(np.maximum(1.0 - np.sum(U**2, axis=1), 0.0))
-    _check_own(diagonal)
+    _check_own_axes(diagonal)
     np.fill_diagonal(U, diagonal)
     G = np.asarray(np.linalg.inv(scale[:, None] * U), dtype=np.float64)
     return GyroParameters(G, np.asarray(-G @ y[9:]))
 
 
-def _check_own(diagonal: Array) -> None:
-    far = [AXIS_NAMES[i] for i in range(3) if not diagonal[i] >= SMALLEST_OWN]
-    if far:
+def _check_own_axes(diagonal: Array) -> None:
+    tilted = [AXIS_NAMES[i] for i in range(3) if not diagonal[i] >= SMALLEST_OWN_COMPONENT]
+    if tilted:
         raise InputError(
-            f"the axis of gyro {', '.join(far)} is more than 84 deg from its body axis, which gyro space cannot describe; "
+            f"the axis of gyro {', '.join(tilted)} is more than 84 deg from its body axis, which gyro space cannot describe; "
             "put the gyros in the order of the body axes, or calibrate with the parametrisation 'gain'"
         )
 
 
 def compute_gyro_jacobian(parameters: GyroParameters) -> Array:
-    """J = ∂(G, b)/∂y, (12, 12), rows in the order of `NAMES`, columns of `GYRO_NAMES`."""
+    """Compute J = ∂(G, b)/∂y, (12, 12), rows in the order of `NAMES`, columns of `GYRO_NAMES`."""
     G, bias = parameters.G, parameters.bias
     K = np.linalg.inv(G)
     scale = np.linalg.norm(K, axis=1)
@@ -113,7 +113,7 @@ SPACES: dict[str, ParameterSpace] = {
 
 
 def select_parameter_space(parametrisation: str) -> ParameterSpace:
-    """The parametrisation of a name. An `InputError` if there is none of that name."""
+    """Select the parametrisation of a name; an `InputError` if there is none of that name."""
     if parametrisation not in SPACES:
         raise InputError(f"unknown parametrisation {parametrisation!r}; known: {', '.join(SPACES)}")
     return SPACES[parametrisation]

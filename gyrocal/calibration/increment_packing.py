@@ -28,24 +28,24 @@ Stream = tuple[Array, Indices, Array, bool]
 LANES = 32
 TILE = 2
 CHUNK_STEPS = 256  # steps, 256 KiB; a multiple of WIDTH and of TILE
-AHEAD = 32  # steps from what is packed to what is fetched
+AHEAD = 32  # steps between packing and prefetching
 DOUBLE = 8  # bytes
 LANE_WIDTH = 8  # lanes and steps that make a square
 GYROS = 3
 
 
 def compute_packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
-    """Shape of packed increments: batches, steps in whole tiles, gyros and Δt, lanes."""
+    """Compute the shape of packed increments: batches, steps in whole tiles, gyros and Δt, lanes."""
     return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, GYROS + 1, LANES
 
 
 def _build_prefetch(_typing: Any, _address: Any) -> Any:
-    """Ask for the cache line at an address, which may lie outside of all memory."""
+    """Build the intrinsic that fetches the cache line at an address, which may lie outside of all memory."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
-        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        function_type = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], function_type)
         read, keep, data = number(0), number(3), number(1)
         builder.call(function, [builder.inttoptr(arguments[0], byte), read, keep, data])
         return None
@@ -57,7 +57,7 @@ _prefetch: Any = intrinsic(_build_prefetch)
 
 
 def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any) -> Any:
-    """Pack a square: eight consecutive samples of eight lanes.
+    """Build the intrinsic that packs a square: eight consecutive samples of eight lanes.
 
     Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
     first lane to pack to; and of the eight lanes' largest |ω_raw Δt|².
@@ -67,14 +67,14 @@ def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _large
         number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), LANE_WIDTH)
         rates, dt, out, largest = arguments
 
-        def locate(address: Any, doubles: int, kind: Any = vector) -> Any:
-            return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
+        def locate(address: Any, doubles: int, target_type: Any = vector) -> Any:
+            return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), target_type.as_pointer())
 
         def permute(first: Any, second: Any, order: list[int]) -> Any:
             return builder.shuffle_vector(first, second, ir.Constant(ir.VectorType(ir.IntType(32), LANE_WIDTH), order))
 
         def transpose(lanes: Any, doubles: int) -> list[Any]:
-            """Eight doubles of each of eight lanes, as the eight lanes of each of eight doubles."""
+            """Transpose eight doubles of each of eight lanes to the eight lanes of each of eight doubles."""
             rows = [builder.load(locate(lane, doubles), align=DOUBLE) for lane in lanes]
             for half in (1, 2, 4):  # swap the off-diagonal blocks of that size
                 for i in (i for i in range(LANE_WIDTH) if not i & half):
@@ -85,21 +85,23 @@ def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _large
                     )
             return rows
 
-        of_rates, of_dt = ([builder.load(locate(table, lane, number)) for lane in range(LANE_WIDTH)] for table in (rates, dt))
-        most = builder.load(locate(largest, 0), align=DOUBLE)
-        durations, squares = transpose(of_dt, 0), [None] * LANE_WIDTH
+        rate_addresses, duration_addresses = (
+            [builder.load(locate(table, lane, number)) for lane in range(LANE_WIDTH)] for table in (rates, dt)
+        )
+        maxima = builder.load(locate(largest, 0), align=DOUBLE)
+        durations, squares = transpose(duration_addresses, 0), [None] * LANE_WIDTH
         for step, h in enumerate(durations):
             builder.store(h, locate(out, LANES * ((GYROS + 1) * step + GYROS)), align=DOUBLE)
         for column in range(GYROS):  # eight doubles at a time, which the registers hold
-            for row, value in enumerate(transpose(of_rates, LANE_WIDTH * column)):
+            for row, value in enumerate(transpose(rate_addresses, LANE_WIDTH * column)):
                 step, gyro = divmod(LANE_WIDTH * column + row, GYROS)
                 turn = builder.fmul(value, durations[step])
                 builder.store(turn, locate(out, LANES * ((GYROS + 1) * step + gyro)), align=DOUBLE)
-                square, before = builder.fmul(turn, turn), squares[step]
-                squares[step] = square if before is None else builder.fadd(before, square)
-        for size in squares:
-            most = builder.select(builder.fcmp_ordered(">", size, most), size, most)
-        builder.store(most, locate(largest, 0), align=DOUBLE)
+                square, partial_sum = builder.fmul(turn, turn), squares[step]
+                squares[step] = square if partial_sum is None else builder.fadd(partial_sum, square)
+        for squared_turn in squares:
+            maxima = builder.select(builder.fcmp_ordered(">", squared_turn, maxima), squared_turn, maxima)
+        builder.store(maxima, locate(largest, 0), align=DOUBLE)
         return None
 
     return types.void(*[types.intp] * 4), generate
@@ -110,7 +112,7 @@ _pack_square: Any = intrinsic(_build_square_packing)
 
 @compile_cached
 def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:
-    """Whether the steps of every piece hold one sample after the other, none twice and none left out."""
+    """Tell whether the steps of every piece hold one sample after the other, none twice and none left out."""
     for piece in range(len(starts)):
         for k in range(starts[piece] + 1, starts[piece] + lengths[piece]):
             if sample[k] != sample[k - 1] + 1:
@@ -135,55 +137,55 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
             row[lane] = sample[first[lane]]
             count[lane] = min(lengths[piece] - low, len(out))
     # Loops for the least and the largest: those of numpy take a second to compile.
-    full = len(out)
+    common_steps = len(out)
     for lane in range(LANES):
-        full = min(full, count[lane])
+        common_steps = min(common_steps, count[lane])
     largest = np.zeros(LANES)  # |ω_raw Δt|²
     rates_at, dt_at = np.empty(LANES, np.intp), np.empty(LANES, np.intp)  # addresses
-    squares = full // LANE_WIDTH * LANE_WIDTH if in_order else 0  # steps in squares
-    for k in range(0, squares, LANE_WIDTH):
+    square_steps = common_steps // LANE_WIDTH * LANE_WIDTH if in_order else 0  # steps in squares
+    for k in range(0, square_steps, LANE_WIDTH):
         for lane in range(LANES):
             rates_at[lane] = rates.ctypes.data + GYROS * DOUBLE * np.intp(row[lane] + uintp(k))
             dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
         for lane in range(0, LANES, LANE_WIDTH):
-            here = DOUBLE * lane
+            lane_offset = DOUBLE * lane
             _pack_square(
-                rates_at.ctypes.data + here,
-                dt_at.ctypes.data + here,
-                out.ctypes.data + DOUBLE * (GYROS + 1) * LANES * k + here,
-                largest.ctypes.data + here,
+                rates_at.ctypes.data + lane_offset,
+                dt_at.ctypes.data + lane_offset,
+                out.ctypes.data + DOUBLE * (GYROS + 1) * LANES * k + lane_offset,
+                largest.ctypes.data + lane_offset,
             )
         for lane in range(LANES):
             for column in range(GYROS):  # a cache line is eight doubles long
                 _prefetch(rates_at[lane] + DOUBLE * (GYROS * AHEAD + LANE_WIDTH * column))
             _prefetch(dt_at[lane] + DOUBLE * AHEAD)
-    for k in range(squares, full):
+    for k in range(square_steps, common_steps):
         for lane in range(LANES):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+            _pack_step(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
     for lane in range(LANES):
-        for k in range(full, count[lane]):
+        for k in range(common_steps, count[lane]):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+            _pack_step(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
         for k in range(count[lane], len(out)):
             for q in range(GYROS + 1):
                 out[k, q, lane] = 0.0
-    most = 0.0
+    largest_square = 0.0
     for lane in range(LANES):
-        most = max(most, largest[lane])
-    return sqrt(most)
+        largest_square = max(largest_square, largest[lane])
+    return sqrt(largest_square)
 
 
 @compile_cached(inline="always")
-def _put(rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array) -> None:
+def _pack_step(rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array) -> None:
     """Pack one step of one lane."""
-    size = 0.0
+    squared_turn = 0.0
     for column in range(GYROS):
         turn = rates[sample, uintp(column)] * h
         out[k, column, lane] = turn
-        size += turn * turn
+        squared_turn += turn * turn
     out[k, GYROS, lane] = h
-    largest[lane] = max(largest[lane], size)
+    largest[lane] = max(largest[lane], squared_turn)
 
 
 @compile_cached

@@ -75,7 +75,7 @@ class Mounting:
         return lines
 
     def to_json(self) -> dict[str, object]:
-        """Plain values, angles in degrees."""
+        """Convert to plain values, angles in degrees."""
         return {
             "rotation_vector_deg": np.rad2deg(self.rotation).tolist(),
             "sigma_rotation_deg": np.rad2deg(self.sigma_rotation).tolist(),
@@ -103,14 +103,14 @@ def compute_mounting(G: Array, covariance: Array, apriori_G: Array, plausible_G:
     to_rotation, to_S = _compute_jacobians(R, S)
     sigma = np.sqrt(np.diag(to_rotation @ covariance @ to_rotation.T))
     sigma_S = np.sqrt(np.diag(to_S @ covariance @ to_S.T)).reshape(3, 3)
-    turn = R @ scipy.linalg.polar(apriori_G)[0].T
-    change = float(np.linalg.norm(Rotation.from_matrix(turn).as_rotvec())) if np.linalg.det(turn) > 0 else float(np.pi)
+    rotation = R @ scipy.linalg.polar(apriori_G)[0].T
+    change = float(np.linalg.norm(Rotation.from_matrix(rotation).as_rotvec())) if np.linalg.det(rotation) > 0 else float(np.pi)
     undetermined = tuple(axis for axis, value in zip(AXIS_NAMES, sigma, strict=True) if value > plausible_G / np.sqrt(2))
     return Mounting(R, S, sigma, sigma_S, change, undetermined)
 
 
 def _compute_jacobians(R: Array, S: Array) -> tuple[Array, Array]:
-    """∂δφ/∂G (3, 9), about the axes of the body, and ∂S/∂G (9, 9), G and S by rows."""
+    """Compute ∂δφ/∂G (3, 9), about the axes of the body, and ∂S/∂G (9, 9), G and S by rows."""
     inverse = np.linalg.inv(np.trace(S) * np.eye(3) - S)
     sign = np.sign(np.linalg.det(R))
     rotation, scale = np.zeros((3, 9)), np.zeros((9, 9))

@@ -26,21 +26,21 @@ SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
 
 @compile_cached
 def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:
-    """θ (m, 3) of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
+    """Compute θ (m, 3) rad of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
     m = len(R)
     theta = np.empty((m, 3))
-    prop, delta = np.empty((3, 3)), np.empty((3, 3))
+    A_prop, delta = np.empty((3, 3)), np.empty((3, 3))
     for a in range(m):
         for i in range(3):
             for j in range(3):
-                prop[i, j] = 0.0
+                A_prop[i, j] = 0.0
                 for k in range(3):
-                    prop[i, j] += R[a, i, k] * A_start[a, k, j]
+                    A_prop[i, j] += R[a, i, k] * A_start[a, k, j]
         for i in range(3):
             for j in range(3):
                 delta[i, j] = 0.0
                 for k in range(3):
-                    delta[i, j] += A_obs[a, i, k] * prop[j, k]
+                    delta[i, j] += A_obs[a, i, k] * A_prop[j, k]
         x, y, z = delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]
         sine = 0.5 * sqrt(x * x + y * y + z * z)
         cosine = 0.5 * (delta[0, 0] + delta[1, 1] + delta[2, 2] - 1)
@@ -51,7 +51,7 @@ def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:
 
 @compile_cached
 def whiten(V: Array, values: Array) -> Array:
-    """L⁻¹ values with V = L Lᵀ; values (r, c)."""
+    """Compute L⁻¹ values with V = L Lᵀ; values (r, c)."""
     L = np.linalg.cholesky(V)
     out = values.copy()
     rows, columns = out.shape
@@ -68,7 +68,7 @@ def whiten(V: Array, values: Array) -> Array:
 
 @compile_cached
 def build_sensitivity(S: Array, columns: Indices, scale: Array) -> Array:
-    """Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3], or b[k − 9]."""
+    """Build Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3] or b[k − 9]."""
     m, p = len(S), len(columns)
     out = np.empty((3 * m, p))
     for a in range(m):
@@ -90,7 +90,7 @@ def whiten_groups(
     model: int,
     given: Array,
 ) -> tuple[Array, Array]:
-    """L⁻¹ values (3m, c) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
+    """Compute L⁻¹ values (3m, c), one group after another, and the variance (m, 3) of each residual, rad².
 
     values: (3m, c) columns of the residuals
     groups: (m,) residuals, group by group, one past the end of each group, and whether each is a chain to be whitened as one;
@@ -137,7 +137,7 @@ def iterate(
     given: Array,
     look_back: bool,
 ) -> tuple[Array, Array, Array, float]:
-    """A fixed number of iterations without a prior, in one call: what a Monte Carlo case needs.
+    """Iterate a fixed number of times without a prior, in one call, as a Monte Carlo case does.
 
     Returns x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last
     without looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.

@@ -1,4 +1,4 @@
-"""Which parameter combinations the data determine, from the SVD of the whitened sensitivity.
+"""Parameter combinations that the data determine, from the SVD of the whitened sensitivity.
 
 Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter, that of the gyro's
 grade (see `gyrocal.calibration.plausible_ranges`): of a space gyro 0.01 for elements of G (10 000 ppm, 0.6 deg) and 10 deg/h
@@ -43,12 +43,12 @@ class Observability:
     @property
     def condition(self) -> float:
         """Largest over smallest singular value; infinite where a combination has none."""
-        low = self.singular_values[-1]
-        return float(self.singular_values[0] / low) if low > 0 else float("inf")
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
 
 
 def evaluate_observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
-    """Judge a whitened sensitivity V^(-1/2) Θ (rows, p), per unit of G and per rad/s of b, by plausible ranges (p,)."""
+    """Evaluate a whitened sensitivity V^(-1/2) Θ (rows, p), per unit of G and rad/s of b, by plausible ranges (p,)."""
     p = len(names)
     rows = np.zeros((max(0, p - len(whitened)), p))
     _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)
@@ -62,12 +62,12 @@ def evaluate_observability(whitened: Array, plausible: Array, names: tuple[str, 
 
 def list_combinations(texts: Sequence[str]) -> str:
     """List the first combinations in a message, and count the others."""
-    more = f"; and {len(texts) - MOST_SHOWN} more" if len(texts) > MOST_SHOWN else ""
-    return "; ".join(texts[:MOST_SHOWN]) + more
+    omitted = f"; and {len(texts) - MOST_SHOWN} more" if len(texts) > MOST_SHOWN else ""
+    return "; ".join(texts[:MOST_SHOWN]) + omitted
 
 
 def make_sparse_basis(directions: Array) -> Array:
-    """Free directions (k, p) in a basis as sparse as pivoting makes it."""
+    """Express free directions (k, p) in a basis as sparse as pivoting makes it."""
     if len(directions) == 0:
         return directions
     _, _, pivots = scipy.linalg.qr(directions, pivoting=True, mode="economic")
@@ -76,23 +76,23 @@ def make_sparse_basis(directions: Array) -> Array:
 
 
 def _find_notable_parameters(direction: Array) -> Indices:
-    """Places of the parameters that take a notable part in a direction."""
+    """Find the places of the parameters that take a notable part in a direction."""
     return np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
 
 
 def _find_leading_parameter(direction: Array, scale: Array, names: tuple[str, ...]) -> int:
-    """Place of the parameter that a combination is named after: no bias if another takes part, then the largest change."""
-    keep = _find_notable_parameters(direction)
-    elements = [k for k in keep if not names[k].startswith(BIAS_LETTERS)]
-    return int(max(elements or keep, key=lambda k: abs(direction[k] * scale[k])))
+    """Find the parameter a combination is named after: no bias if another takes part, then the largest change."""
+    notable = _find_notable_parameters(direction)
+    elements = [k for k in notable if not names[k].startswith(BIAS_LETTERS)]
+    return int(max(elements or notable, key=lambda k: abs(direction[k] * scale[k])))
 
 
 def _name_combination(direction: Array, scale: Array, names: tuple[str, ...]) -> str:
-    """One direction as "G_yy - 0.0656 deg/s b_y": what may be added to the parameters without the data noticing."""
-    keep = _find_notable_parameters(direction)
+    """Name a direction, such as "G_yy - 0.0656 deg/s b_y": a change of the parameters that the data do not show."""
+    notable = _find_notable_parameters(direction)
     physical = direction * scale
-    biases = [k for k in keep if names[k].startswith(BIAS_LETTERS)]
-    elements = [k for k in keep if k not in biases]
+    biases = [k for k in notable if names[k].startswith(BIAS_LETTERS)]
+    elements = [k for k in notable if k not in biases]
     lead = _find_leading_parameter(direction, scale, names)
     physical = physical / physical[lead]
     terms = [(physical[k], f"{abs(physical[k]):.3g} {names[k]}") for k in elements]

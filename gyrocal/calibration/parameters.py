@@ -28,7 +28,7 @@ BIAS_NAMES = tuple(f"b_{i}" for i in AXIS_NAMES)
 
 
 def list_parameter_groups(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Names that stand for several of twelve parameters: nine of a matrix by rows, then three biases."""
+    """List names of groups of the twelve parameters: nine of a matrix by rows, then three biases."""
     return {
         "all": names,
         "bias": names[9:],
@@ -85,7 +85,7 @@ class GyroParameters:
         return np.asarray(self.G - np.diag(np.diag(self.G)))
 
     def table(self) -> pd.DataFrame:
-        """N Table 3's form: a row a gyro; degrees and deg/s."""
+        """Tabulate the parameters in the form of N Table 3: a row a gyro; degrees and deg/s."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
         misalignment = np.rad2deg(self.misalignment)
@@ -114,13 +114,13 @@ def select(names: str | Iterable[str], known: tuple[str, ...] = NAMES) -> tuple[
         A name is unknown, or no parameter is left.
     """
     parts = [part.strip() for part in names.split(",")] if isinstance(names, str) else list(names)
-    of_group = list_parameter_groups(known)
+    groups = list_parameter_groups(known)
     chosen: set[str] = set()
     for part in parts:
         key = part.removeprefix("-")
-        members = set(of_group.get(key, (key,)))
+        members = set(groups.get(key, (key,)))
         if not members <= set(known):
-            raise InputError(f"unknown parameter {key!r}; known: {', '.join((*of_group, *known))}")
+            raise InputError(f"unknown parameter {key!r}; known: {', '.join((*groups, *known))}")
         chosen = chosen - members if part.startswith("-") else chosen | members
     if not chosen:
         raise InputError("no parameter is left to solve for")

@@ -14,7 +14,7 @@ short times. The upper limit of the tactical grade here is therefore 0.1 deg/sqr
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class RestRates:
     sigma: float  # 1-sigma of the latter, rad/s
 
     def bias(self, G: Array) -> Array:
-        """b (3,), rad/s, that fits the rests with some G (3, 3)."""
+        """Compute the b (3,), rad/s, that fits the rests with a G (3, 3)."""
         return np.asarray(self.reference - G @ self.raw)
 
 
@@ -69,7 +69,7 @@ class PlausibleRanges:
         return self.bias / RAD_S_PER_DEG_H
 
     def vector(self, is_bias: NDArray[np.bool_]) -> Array:
-        """(p,) range of each parameter; is_bias (p,) says which are biases.
+        """List the range (p,) of each parameter; is_bias (p,) tells which are biases.
 
         An `InputError` if a range is not positive, or not finite.
         """
@@ -78,7 +78,7 @@ class PlausibleRanges:
         return np.where(is_bias, self.bias, self.G)
 
     def to_json(self) -> dict[str, object]:
-        """Plain values, b in deg/h."""
+        """Convert to plain values, b in deg/h."""
         return {
             "grade": self.grade,
             "G": self.G,
@@ -87,11 +87,20 @@ class PlausibleRanges:
         }
 
 
-RANGES: tuple[tuple[Grade, float, float, float], ...] = (
-    ("space", SPACE_ARW, PLAUSIBLE_G, PLAUSIBLE_BIAS),
-    ("tactical", TACTICAL_ARW, TACTICAL_G, TACTICAL_BIAS),
-    ("MEMS", np.inf, MEMS_G, MEMS_BIAS),
-)  # grade, largest ARW in deg/sqrt(h), range of G, range of b in rad/s
+class GradeRanges(NamedTuple):
+    """Ranges of a grade."""
+
+    grade: Grade
+    arw: float  # the largest, deg/sqrt(h)
+    G: float
+    bias: float  # rad/s
+
+
+RANGES = (
+    GradeRanges("space", SPACE_ARW, PLAUSIBLE_G, PLAUSIBLE_BIAS),
+    GradeRanges("tactical", TACTICAL_ARW, TACTICAL_G, TACTICAL_BIAS),
+    GradeRanges("MEMS", np.inf, MEMS_G, MEMS_BIAS),
+)
 
 
 def estimate_plausible_ranges(
@@ -108,18 +117,19 @@ def estimate_plausible_ranges(
     use_rests: whether rests may correct the grade; a prediction must not see later references
     """
     arw = recording.gyro.arw / DEG_SQRT_H
-    place = next(k for k, (_, largest, *_) in enumerate(RANGES) if arw <= largest)
+    grade_index = next(k for k, ranges in enumerate(RANGES) if arw <= ranges.arw)
     reason = f"the stated angle random walk of {arw:.2g} deg/sqrt(h)"
     rest = compute_rest_rates(recording) if use_rests else None
     if rest is not None:
         size = float(np.abs(rest.bias(recording.gyro.apriori_G)).max())
         # An error of G in a slow motion is no bias.
-        unsure = REST_BIAS_SIGMAS * rest.sigma + RANGES[place][2] * float(np.linalg.norm(rest.reference))
-        needed = next((k for k, (*_, bias) in enumerate(RANGES) if size - unsure <= bias), len(RANGES) - 1)
-        if needed > place:
-            reason = f"a bias of {np.rad2deg(size):.2g} deg/s in the rests, beyond the range of {RANGES[place][0]} grade"
-            place = needed
-    grade, _, G, bias = RANGES[place]
+        uncertainty = REST_BIAS_SIGMAS * rest.sigma + RANGES[grade_index].G * float(np.linalg.norm(rest.reference))
+        needed = next((k for k, ranges in enumerate(RANGES) if size - uncertainty <= ranges.bias), len(RANGES) - 1)
+        if needed > grade_index:
+            exceeded = RANGES[grade_index].grade
+            reason = f"a bias of {np.rad2deg(size):.2g} deg/s in the rests, beyond the range of {exceeded} grade"
+            grade_index = needed
+    grade, _, G, bias = RANGES[grade_index]
     chosen = PlausibleRanges(grade, G, bias, f"{grade} grade, from {reason}", rest)
     if plausible_G is None and plausible_bias is None:
         return chosen
@@ -131,7 +141,7 @@ def estimate_plausible_ranges(
 
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
-    """Compute the mean rates over the rests; None where no rest is seen."""
+    """Compute the mean rates over the rests; None without a rest."""
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s
     if t_ref.size < 4:

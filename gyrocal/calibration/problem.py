@@ -63,7 +63,7 @@ class State:
 
 @dataclass(frozen=True)
 class Iterates:
-    """What a fixed number of iterations made of a case."""
+    """Results of a fixed number of iterations of a case."""
 
     x: Array  # (iterations + 1, 12) parameters at the start and after each iteration
     theta: Array  # (iterations + 1, m, 3) residuals there, rad
@@ -71,7 +71,7 @@ class Iterates:
     chi2: float  # Σ θᵀ V⁻¹ θ after it
 
     def check_convergence(self) -> "Iterates":
-        """These, if each iteration was within what one linearisation can correct, as `Problem.state` asks; they must look back.
+        """Return these iterates if each is within what one linearisation can correct; they must look back.
 
         An `InputError` if they diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
         """
@@ -134,10 +134,10 @@ class Problem:
     @cached_property
     def groups(self) -> tuple[Indices, Indices]:
         """Residuals group by group, and one past the end of each group, of those that correlate."""
-        made = self.measurements
+        measurements = self.measurements
         if self._model[0] == JOINT:
-            return np.arange(len(made.row)), np.array([len(made.row)])
-        return group_residuals(made.arcs.arc, made.start, made.row)
+            return np.arange(len(measurements.row)), np.array([len(measurements.row)])
+        return group_residuals(measurements.arcs.arc, measurements.start, measurements.row)
 
     @cached_property
     def _chained(self) -> BoolArray:
@@ -147,37 +147,38 @@ class Problem:
     @cached_property
     def references(self) -> tuple[Indices, Indices, Indices, Array]:
         """Interval, start, row and noise, as in `gyrocal.calibration.covariance.compute_residual_covariance`."""
-        made = self.measurements
-        return made.arcs.arc, made.start, made.row, np.ascontiguousarray(self.noise)
+        measurements = self.measurements
+        return measurements.arcs.arc, measurements.start, measurements.row, np.ascontiguousarray(self.noise)
 
     @cached_property
     def walk(self) -> Array:
         """(m, 3, 3) covariance of the integrated gyro noise, alike about all axes, rad²."""
-        made = self.measurements
-        return integrate_white_noise(made.elapsed_s, self.arw * float(np.sqrt(made.noise_gain)))
+        measurements = self.measurements
+        return integrate_white_noise(measurements.elapsed_s, self.arw * float(np.sqrt(measurements.noise_gain)))
 
     @cached_property
     def _model(self) -> tuple[int, Array]:
+        """Code of the covariance model, and `given` as in `gyrocal.calibration.covariance.model_covariance`."""
         given = np.zeros((0, 3, 3)) if self.given is None else np.ascontiguousarray(self.given)
         return (JOINT, given[None]) if given.ndim == 2 else (MODEL_CODES[self.model], given)
 
     def covariance(self, R: Array, rows: Indices) -> Array:
-        """V (3k, 3k) of some residuals (k,) of one group, with R (k, 3, 3) there, rad²."""
+        """Compute V (3k, 3k) of some residuals (k,) of one group, with R (k, 3, 3) there, rad²."""
         interval, start, row, noise = self.references
         return np.asarray(model_covariance(R, interval[rows], start[rows], row[rows], noise, self.walk[rows], *self._model))
 
     def state(self, parameters: GyroParameters) -> State:
-        """Residuals, sensitivities and covariances at these parameters.
+        """Evaluate residuals, sensitivities and covariances at some parameters.
 
         A `gyrocal.calibration.gate.LargeResidualError` if a residual is too large to be corrected by linearisation.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
-            R, prepared = propagation.R, self.measurements
-            A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
+            R, measurements = propagation.R, self.measurements
+            A_start, A_obs = self.A[measurements.start], self.A[measurements.row]
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
-        gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
-        linear = attitude.residual_linear(A_obs, R @ A_start)
+        gate.check_residual_size(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
+        theta_linear = attitude.residual_linear(A_obs, R @ A_start)
         values = np.column_stack([self._compute_sensitivity(propagation.S, parameters), theta.ravel()])
         # Where all groups are chains, the functions for others are not called: they take as long to compile.
         if self._chained.all():
@@ -186,17 +187,17 @@ class Problem:
         else:
             groups = *self.groups, self._chained
             white, variance = accumulation.whiten_groups(values, R, groups, self.references, self.walk, *self._model)
-        return State(theta, linear, np.sqrt(variance), white[:, :-1].copy(), white[:, -1].copy())
+        return State(theta, theta_linear, np.sqrt(variance), white[:, :-1].copy(), white[:, -1].copy())
 
     def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
-        """Θ D (3m, p) with respect to the solved-for parameters."""
+        """Compute Θ D (3m, p) with respect to the solved-for parameters."""
         if self.parametrisation == "gain":
             return np.asarray(accumulation.build_sensitivity(S, self.columns, self.scale))
         J = select_parameter_space(self.parametrisation).jacobian(parameters)[:, self.columns] * self.scale
         return np.asarray(accumulation.build_sensitivity(S, np.arange(12), PLAUSIBLE_RANGE) @ (J / PLAUSIBLE_RANGE[:, None]))
 
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
-        """A fixed number of iterations in (G, b) without a prior, compiled from end to end.
+        """Iterate a fixed number of times in (G, b) without a prior, compiled from end to end.
 
         x: (12,) parameters to start from
         psi: in place of the problem's
@@ -213,7 +214,7 @@ class Problem:
             self.scale,
             (arcs.increments, arcs.ends, arcs.last),
             (psi or self.psi) == "linear",
-            arcs.beyond_series(x[:9].reshape(3, 3), x[9:]),
+            arcs.is_beyond_series(x[:9].reshape(3, 3), x[9:]),
             self.A[self.measurements.start],
             self.A[self.measurements.row],
             (*self.groups, self._chained),
@@ -225,21 +226,21 @@ class Problem:
         return Iterates(*values)
 
     def replace_case(self, rates: Array, A: Array, workspace: Array | None = None) -> "Problem":
-        """The same problem with another case's gyro rates (samples, 3) rad/s and observed attitudes (references, 3, 3).
+        """Build the problem of another case: gyro rates (samples, 3) rad/s and observed attitudes (references, 3, 3).
 
         A workspace (see `gyrocal.calibration.propagation.Arcs`) makes the new problem valid only until the next case is packed
         into it.
         """
-        moved = replace(self.measurements, arcs=self.measurements.arcs.with_rates(rates, workspace))
-        new = replace(self, measurements=moved, A=A)
+        measurements = replace(self.measurements, arcs=self.measurements.arcs.replace_rates(rates, workspace))
+        problem = replace(self, measurements=measurements, A=A)
         # What does not depend on the case is handed on.
         for name in ("columns", "scale", "groups", "references", "walk", "_model", "_chained"):
-            new.__dict__[name] = getattr(self, name)
-        return new
+            problem.__dict__[name] = getattr(self, name)
+        return problem
 
 
 def tabulate_residuals(recording: Recording, prepared: Measurements, before: State, after: State) -> "pd.DataFrame":
-    """Tabulate residuals before and after a calibration, and what the covariance expects of each, a row an output, degrees.
+    """Tabulate residuals before and after a calibration, and the sigma that the covariance gives each; a row an output, deg.
 
     Residuals stand in the full form N (16) and, as "linear", in the linear form N (29).
     """

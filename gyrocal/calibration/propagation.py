@@ -58,7 +58,7 @@ D0, D1, D2, D3, D4 = 1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800
 
 
 def compute_psi_coefficients(phi: Array) -> tuple[Array, Array]:
-    """c = (1 − cos φ)/φ² and d = (φ − sin φ)/φ³, to rounding at every φ ≥ 0."""
+    """Compute c = (1 − cos φ)/φ² and d = (φ − sin φ)/φ³, to rounding at every φ ≥ 0."""
     phi = np.asarray(phi, dtype=float)
     x = phi * phi
     small = phi < PSI_SERIES_LIMIT
@@ -70,7 +70,7 @@ def compute_psi_coefficients(phi: Array) -> tuple[Array, Array]:
 
 
 def psi_matrix(omega: Array, dt: float | Array, psi: Psi = "full") -> Array:
-    """Error sensitivity matrix ψ of N (11), in seconds.
+    """Compute the error sensitivity matrix ψ of N (11), in seconds.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class Arcs:
     @cached_property
     def pieces(self) -> Pieces:
         """Start and length of the pieces that run as lanes."""
-        return cut(self.first, self.last)
+        return cut_pieces(self.first, self.last)
 
     @cached_property
     def ends(self) -> Indices:
@@ -196,15 +196,15 @@ class Arcs:
         """Largest |ω_raw Δt| of a step, rad."""
         return self._increments_and_largest[1]
 
-    def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
-        """The same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if given."""
-        new = replace(self, rates=rates, workspace=workspace)
+    def replace_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
+        """Return the same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if given."""
+        arcs = replace(self, rates=rates, workspace=workspace)
         for name in ("pieces", "ends", "longest_step", "_unbroken"):  # they do not depend on the rates
-            new.__dict__[name] = getattr(self, name)
-        return new
+            arcs.__dict__[name] = getattr(self, name)
+        return arcs
 
-    def beyond_series(self, G: Array, bias: Array) -> bool:
-        """Whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest and longest step."""
+    def is_beyond_series(self, G: Array, bias: Array) -> bool:
+        """Tell whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt, h and Δt the largest."""
         # The Frobenius norm bounds the spectral one, and needs no singular values.
         return bool(np.linalg.norm(G) * self.largest_increment + np.linalg.norm(bias) * self.longest_step >= PSI_SERIES_LIMIT)
 
@@ -230,7 +230,7 @@ class Propagation:
 
 
 def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagation:
-    """R and Θ at every output of the arcs, in one compiled pass.
+    """Compute R and Θ at every output of the arcs, in one compiled pass.
 
     Parameters
     ----------
@@ -239,15 +239,15 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagati
     psi : "full" or "linear"
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
-    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias))
+    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.is_beyond_series(G, bias))
     return Propagation(*propagate_packed(arcs.increments, *options))
 
 
-def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:
-    """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
+def cut_pieces(first: Indices, last: Indices) -> tuple[Indices, Indices]:
+    """Cut the stretches to all outputs into pieces that fill whole batches of lanes with little padding.
 
-    The work is batches times the longest piece; for one batch more than the outputs need, and for the fewest, the shortest
-    possible longest piece is found by bisection.
+    Returns start and length of each piece, in steps. The work is batches times the longest piece. For the fewest batches that
+    the outputs need, and for one more, the shortest possible longest piece is found by bisection.
     """
     steps = last - first
     fewest = -(-len(first) // LANES)
@@ -263,13 +263,13 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:
     counts = np.maximum(-(-steps // best), 1)
     output = np.repeat(np.arange(len(first)), counts)
     number = np.arange(len(output)) - np.repeat(np.cumsum(counts) - counts, counts)  # of the piece in its output
-    low, high = (steps[output] * k // counts[output] for k in (number, number + 1))
-    return first[output] + low, high - low
+    begin, end = (steps[output] * k // counts[output] for k in (number, number + 1))
+    return first[output] + begin, end - begin
 
 
 @compile_cached
 def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:
-    """Raw rate of every step, (n, 3): the mean over its fine steps, each by its duration."""
+    """Average the raw rates of the fine steps of every step by their durations; (n, 3) rad/s."""
     out = np.zeros((len(fine) - 1, rates.shape[1]))
     for step in range(len(out)):
         total = 0.0
@@ -293,7 +293,7 @@ def propagate_packed(
     linear: bool,
     beyond_series: bool,
 ) -> tuple[Array, Array]:
-    """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
+    """Compute R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
 
     increments: packed [ω_raw Δt, Δt], which are the regressors times Δt as well
     ends: one past the last step of each piece
@@ -309,7 +309,7 @@ def propagate_packed(
 
 @compile_cached
 def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:
-    """R (m, 3, 3) and S (m, 4, 3, 3) at every output, the pieces (batches, 45, lanes) chained."""
+    """Chain the pieces (batches, 45, lanes) to R (m, 3, 3) and S (m, 4, 3, 3) at every output."""
     R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), REGRESSOR_GROUP_SIZE, 3, 3))
     P, P_new, S = np.empty((3, 3)), np.empty((3, 3)), np.empty((REGRESSOR_GROUP_SIZE, 3, 3))
     piece = 0
@@ -350,7 +350,7 @@ def _propagate_lanes(
     beyond_series: bool,
     out: Array,
 ) -> None:
-    """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] carry on P (9), S (36) in out (45).
+    """Propagate P (9) and S (36) in out (45) through one batch (steps, 4, lanes) of [ω_raw Δt, Δt].
 
     The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes. Its
     lanes start on a cache line, which numba's arrays do only by chance: loads that straddle two cost a third of the speed.
@@ -429,13 +429,13 @@ def _propagate_lanes(
 
 @compile_cached(inline="always")
 def _count_to_cache_line(values: Array) -> int:
-    """Doubles from the start of an array to the next cache line, 0 to 7."""
+    """Count the doubles from the start of an array to the next cache line, 0 to 7."""
     return (-values.ctypes.data >> 3) & (CACHE_LINE - 1)
 
 
 @compile_cached(inline="always")
 def _compute_step_sensitivity(tile: Array, t: int, lane: int, x: float, y: float, z: float, c: float, d: float) -> None:
-    """Φ and E = I + c[φ×] + d[φ×]² of one step into the tile."""
+    """Write φ and E = I + c[φ×] + d[φ×]² of one step into the tile."""
     dx, dy, dz = d * x, d * y, d * z
     cx, cy, cz = c * x, c * y, c * z
     xx, yy, zz = dx * x, dy * y, dz * z
@@ -448,7 +448,7 @@ def _compute_step_sensitivity(tile: Array, t: int, lane: int, x: float, y: float
 
 @compile_cached
 def _compute_closed_coefficients(f: float) -> tuple[float, float]:
-    """c and d of φ² = f where the series no longer serves."""
+    """Compute c and d of φ² = f in closed form, for φ beyond the series."""
     phi = sqrt(f)
     half = np.sin(phi / 2) / phi
     return 2 * half * half, (phi - np.sin(phi)) / (f * phi)

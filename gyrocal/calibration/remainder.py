@@ -25,7 +25,7 @@ significant the covariance stays the nominal one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 
 MOST_RESIDUALS = 150  # references that sizes are estimated from; time grows with the cube
-LEAST_RATIO = 3.0  # of successive time scales; closer ones are not told apart
+LEAST_RATIO = 3.0  # of successive time scales; residuals do not separate closer ones
 MOST_TIME_SCALES = 3
 FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of its own
 FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
@@ -69,7 +69,7 @@ SINGULAR_VALUE_TOLERANCE = 1e-9  # of singular values and eigenvalues, relative 
 
 
 def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
-    """Return the same calibration with its remainder estimated.
+    """Return the calibration with its remainder estimated.
 
     Returns the result as it was, without a remainder, where a covariance was given: its residuals have other covariances.
     """
@@ -88,30 +88,33 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
     state = problem.state(result.parameters)
     paths = build_paths(recording, problem, result)
     columns = problem.columns
-    scaled = result.own_covariance[np.ix_(columns, columns)] / problem.scale[:, None]
+    scaled = result.own_covariance[np.ix_(columns, columns)] / problem.scale[:, None]  # D⁻¹ P
     nominal = result.covariance
-    thin = paths.select(choose_evenly(paths.row.size, MOST_RESIDUALS))
+    subset = paths.select(choose_evenly(paths.row.size, MOST_RESIDUALS))
     J = select_parameter_space(problem.parametrisation).jacobian(result.parameters)
     sizes, processes, dof, effective = _estimate_sizes(
-        thin, state.theta[thin.kept], thin.Theta.reshape(-1, 12) @ J[:, columns], problem
+        subset, state.theta[subset.places], subset.Theta.reshape(-1, 12) @ J[:, columns], problem
     )
     p_value = compute_p_value(sizes.log_likelihood_gain, effective + 1) if dof > 0 else 1.0
     if p_value >= SIGNIFICANT:
         return Remainder((), 1.0, sizes.log_likelihood_gain, p_value, nominal)
-    sized = tuple(replace(process, variance=float(v)) for process, v in zip(processes, sizes.variances, strict=True) if v > 0)
-    white = state.H @ scaled
-    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, sized, _undo_whitening(problem, paths.R, white))
-    added = np.zeros((12, 12))
-    added[np.ix_(columns, columns)] = extra
-    covariance = nominal + J @ added @ J.T
-    return Remainder(sized, sizes.noise, sizes.log_likelihood_gain, p_value, np.asarray(0.5 * (covariance + covariance.T)))
+    estimated = tuple(
+        replace(process, variance=float(v)) for process, v in zip(processes, sizes.variances, strict=True) if v > 0
+    )
+    white = state.H @ scaled  # L⁻¹ Θ P = Lᵀ K
+    K = _undo_whitening(problem, paths.R, white)
+    excess = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, estimated, K)
+    excess_of_twelve = np.zeros((12, 12))
+    excess_of_twelve[np.ix_(columns, columns)] = excess
+    covariance = nominal + J @ excess_of_twelve @ J.T
+    return Remainder(estimated, sizes.noise, sizes.log_likelihood_gain, p_value, np.asarray(0.5 * (covariance + covariance.T)))
 
 
 @dataclass(frozen=True)
 class Paths:
     """Propagation of errors to the residuals of a calibration."""
 
-    kept: Indices  # (m,) places of these residuals among all
+    places: Indices  # (m,) of these residuals among all
     # R, Theta: (m, 3, 3) and (m, 3, 12), from the start of the interval to each
     R: Array
     Theta: Array
@@ -122,10 +125,10 @@ class Paths:
     reference_s: Array  # (references,) time of each reference, s
     body_rates: Array  # (references, 3) body rate at each, rad/s
 
-    def select(self, kept: Indices) -> Paths:
-        """Keep some residuals."""
-        names = ("kept", "R", "Theta", "interval", "start", "row")
-        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+    def select(self, places: Indices) -> Paths:
+        """Select some of the residuals."""
+        names = ("places", "R", "Theta", "interval", "start", "row")
+        return replace(self, **{name: getattr(self, name)[places] for name in names})
 
     @cached_property
     def turns(self) -> Array:
@@ -136,16 +139,16 @@ class Paths:
     def stretches(self) -> Stretches:
         """Time from the residual before, or from the start of the interval, to each residual."""
         to_s = self.reference_s[self.row]
-        before = np.roll(to_s, 1)
+        previous = np.roll(to_s, 1)
         first = np.append(True, self.interval[1:] != self.interval[:-1])
-        return Stretches(np.where(first, self.reference_s[self.start], before), to_s, self.interval)
+        return Stretches(np.where(first, self.reference_s[self.start], previous), to_s, self.interval)
 
     @cached_property
     def reference_numbers(self) -> Indices:
         """(n,) rows of the references that the residuals start from or are compared with."""
         return np.unique(np.concatenate([self.start, self.row]))
 
-    def gather(self, process: Process, member: int, K: Array) -> Array:
+    def compute_process_influence(self, process: Process, member: int, K: Array) -> Array:
         """Compute Mᵀ K (n, p), with M (3m, n) the residuals by each value of one member of a process, K (3m, p).
 
         Values are errors of a parameter in each stretch, or errors of each used reference.
@@ -153,22 +156,22 @@ class Paths:
         K = K.reshape(len(self.R), 3, -1)
         at_start = np.einsum("aji,ajp->aip", self.R, K)
         if process.kind == "rate":
-            later = np.empty_like(at_start)
+            summed = np.empty_like(at_start)
             for interval in np.unique(self.interval):
                 rows = self.interval == interval
-                later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
-            return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], later))
-        along = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+                summed[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
+            return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], summed))
+        direction = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
         influence = np.zeros((self.reference_numbers.size, K.shape[2]))
-        np.add.at(influence, np.searchsorted(self.reference_numbers, self.row), np.einsum("ai,aip->ap", along[self.row], K))
+        np.add.at(influence, np.searchsorted(self.reference_numbers, self.row), np.einsum("ai,aip->ap", direction[self.row], K))
         np.add.at(
             influence,
             np.searchsorted(self.reference_numbers, self.start),
-            -np.einsum("ai,aip->ap", along[self.start], at_start),
+            -np.einsum("ai,aip->ap", direction[self.start], at_start),
         )
         return influence
 
-    def correlate(self, process: Process, rows: slice = slice(None)) -> Array:
+    def compute_process_covariance(self, process: Process, rows: slice = slice(None)) -> Array:
         """Compute the covariance (rows, n) of the values of a process of unit variance."""
         if process.kind == "rate":
             return self.stretches.covariance(process, rows)
@@ -181,9 +184,9 @@ def build_paths(recording: Recording, problem: Problem, result: CalibrationResul
     measurements, parameters = problem.measurements, result.parameters
     run = propagate(measurements.arcs, parameters.G, parameters.bias)
     rates = interpolate_rates(recording.gyro, parameters.G, parameters.bias, recording.attitudes.t_s)
-    every = np.arange(measurements.row.size)
+    places = np.arange(measurements.row.size)
     return Paths(
-        every, run.R, run.Theta, measurements.arcs.arc, measurements.start, measurements.row, recording.attitudes.t_s, rates
+        places, run.R, run.Theta, measurements.arcs.arc, measurements.start, measurements.row, recording.attitudes.t_s, rates
     )
 
 
@@ -200,7 +203,7 @@ def choose_evenly(count: int, most: int) -> Indices:
 
 
 def choose_time_scales(stretches: Stretches) -> tuple[float, ...]:
-    """Choose the finite time scales that some stretches can tell apart, s, ascending."""
+    """Choose the finite time scales that some stretches can resolve, s, ascending."""
     low = 2.0 * float(np.median(stretches.to_s - stretches.from_s))
     high = max(0.5 * float(stretches.to_s.max() - stretches.from_s.min()), low)
     count = int(np.clip(1 + np.floor(np.log(high / low) / np.log(LEAST_RATIO)), 1, MOST_TIME_SCALES))
@@ -208,7 +211,7 @@ def choose_time_scales(stretches: Stretches) -> tuple[float, ...]:
 
 
 def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
-    """List the processes, of unit variance, whose sizes residuals may be able to tell; finite scales ascend, s."""
+    """List the processes, of unit variance, whose sizes so many degrees of freedom may determine; finite scales ascend, s."""
     if dof < FEWEST_FOR_PROCESSES:
         return ()
     middle = scales[len(scales) // 2]
@@ -226,14 +229,14 @@ def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
 
 
 def compute_p_value(gain: float, components: int) -> float:
-    """Compute the probability of a larger gain of the log likelihood by sizes that are all zero in truth."""
+    """Compute the probability of a larger gain of the log likelihood if all true sizes are zero."""
     counts = np.arange(1, components + 1)
     weights = scipy.special.binom(components, counts) * 0.5**components
     return float(weights @ scipy.special.chdtrc(counts, 2 * max(gain, 0.0)))
 
 
 def count_effective(components: Sequence[Array]) -> int:
-    """Count the components (N, r_k) that residuals can tell apart, by the correlation of their covariances."""
+    """Count the components (N, r_k) that residuals can separate, by the correlation of their covariances."""
     if not components:
         return 0
     kernels = np.array([(part @ part.T).ravel() for part in components])
@@ -245,38 +248,50 @@ def count_effective(components: Sequence[Array]) -> int:
 def _estimate_sizes(
     paths: Paths, theta: Array, Theta: Array, problem: Problem
 ) -> tuple[VarianceComponents, tuple[Process, ...], int, int]:
-    """Sizes of the processes that residuals theta (m, 3) rad show, these, the degrees of freedom and `count_effective`."""
-    L = np.linalg.cholesky(problem.covariance(paths.R, paths.kept))
+    """Estimate sizes from residuals theta (m, 3), rad; with their processes, the degrees of freedom and `count_effective`."""
+    L = np.linalg.cholesky(problem.covariance(paths.R, paths.places))
 
     def whiten(values: Array) -> Array:
         return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, check_finite=False))
 
-    H = whiten(Theta)
-    Q = _compute_basis(H)
+    Q = _compute_basis(whiten(Theta))
     dof = theta.size - Q.shape[1]
     y = whiten(theta.ravel())
     y = y - Q @ (Q.T @ y)
+    processes, components = _select_visible_processes(paths, dof, Q, whiten)
+    sizes = estimate_variance_components(y, components, max(dof, 1))
+    power = sizes.variances * np.array([np.square(part).sum() for part in components])
+    sizes = replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0))
+    return sizes, processes, dof, count_effective(components)
+
+
+def _select_visible_processes(
+    paths: Paths, dof: int, Q: Array, whiten: Callable[[Array], Array]
+) -> tuple[tuple[Process, ...], list[Array]]:
+    """Select the processes that the calibration does not take up, and their columns (N, r) in the whitened residuals.
+
+    Q: (N, r) orthonormal basis of the whitened sensitivities, which is projected out of the columns
+    whiten: L⁻¹ of columns (N, k)
+    """
     columns: dict[tuple[str, int], Array] = {}
     roots: dict[tuple[bool, float], Array] = {}
     processes, components = [], []
     for process in list_processes(choose_time_scales(paths.stretches), dof):
         key = (process.kind == "rate", process.time_scale_s)
         if key not in roots:
-            roots[key] = _compute_correlation_root(paths.correlate(process))
+            roots[key] = _compute_correlation_root(paths.compute_process_covariance(process))
         parts = []
         for member in process.members:
             if (process.kind, member) not in columns:
-                columns[process.kind, member] = whiten(paths.gather(process, member, np.eye(theta.size)).T)
+                influence = paths.compute_process_influence(process, member, np.eye(len(Q)))
+                columns[process.kind, member] = whiten(influence.T)
             parts.append(columns[process.kind, member] @ roots[key])
-        whole = np.hstack(parts)
-        seen = whole - Q @ (Q.T @ whole)
-        if np.square(seen).sum() > LEAST_VISIBLE * np.square(whole).sum():
+        full = np.hstack(parts)
+        visible = full - Q @ (Q.T @ full)
+        if np.square(visible).sum() > LEAST_VISIBLE * np.square(full).sum():
             processes.append(process)
-            components.append(seen)
-    sizes = estimate_variance_components(y, components, max(dof, 1))
-    power = sizes.variances * np.array([np.square(part).sum() for part in components])
-    sizes = replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0))
-    return sizes, tuple(processes), dof, count_effective(components)
+            components.append(visible)
+    return tuple(processes), components
 
 
 def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -> Array:
@@ -284,10 +299,10 @@ def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -
     total = np.zeros((K.shape[1], K.shape[1]))
     for process in processes:
         for member in process.members:
-            influence = paths.gather(process, member, K)
+            influence = paths.compute_process_influence(process, member, K)
             for low in range(0, len(influence), CORRELATION_BLOCK_ROWS):
                 rows = slice(low, low + CORRELATION_BLOCK_ROWS)
-                total += process.variance * influence[rows].T @ (paths.correlate(process, rows) @ influence)
+                total += process.variance * influence[rows].T @ (paths.compute_process_covariance(process, rows) @ influence)
     return total
 
 
@@ -306,14 +321,14 @@ def _undo_whitening(problem: Problem, R: Array, white: Array) -> Array:
 
 
 def _compute_basis(H: Array) -> Array:
-    """Orthonormal basis (N, r) of the columns of H."""
+    """Compute an orthonormal basis (N, r) of the columns of H."""
     size = np.linalg.norm(H, axis=0)
     U, s, _ = np.linalg.svd(H[:, size > 0] / size[size > 0], full_matrices=False)
     return np.asarray(U[:, s > SINGULAR_VALUE_TOLERANCE * s[0]])
 
 
 def _compute_correlation_root(C: Array) -> Array:
-    """(n, r) Z of a correlation matrix C = Z Zᵀ."""
+    """Compute Z (n, r) of a correlation matrix C = Z Zᵀ."""
     values, vectors = np.linalg.eigh(C)
-    kept = values > SINGULAR_VALUE_TOLERANCE * values[-1]
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+    positive = values > SINGULAR_VALUE_TOLERANCE * values[-1]
+    return np.asarray(vectors[:, positive] * np.sqrt(values[positive]))

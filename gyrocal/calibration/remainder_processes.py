@@ -53,7 +53,7 @@ class Process:
     variance: float = 1.0
 
     def to_json(self) -> dict[str, Any]:
-        """The process as plain values; a constant one has no time scale."""
+        """Convert to plain values; a constant process has no time scale."""
         finite = np.isfinite(self.time_scale_s)
         return {
             "kind": self.kind,
@@ -105,7 +105,7 @@ class Remainder:
         return self._sum_sizes(range(3), lambda process: process.kind == "reference")
 
     def _sum_sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
-        """Root of the sum of the variances of the chosen processes of each member."""
+        """Compute the root of the summed variances of the chosen processes of each member."""
         chosen = [process for process in self.processes if is_chosen(process)]
         return np.array(
             [np.sqrt(sum(selected.variance for selected in chosen if member in selected.members)) for member in members]
@@ -122,7 +122,7 @@ class Remainder:
         return np.array([_average_time_scale(self.processes, axis) for axis in BIAS_INDICES])
 
     def to_json(self) -> dict[str, Any]:
-        """The remainder as plain values; lists are by body axis."""
+        """Convert to plain values; lists are by body axis."""
         scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
         return {
             "gyro_deg_h": (self.gyro * DEG_H_PER_RAD_S).tolist(),
@@ -161,20 +161,20 @@ class Stretches:
         if np.isinf(tau):
             return np.asarray((interval == self.interval).astype(np.float64))
         gap = np.maximum(np.maximum(low - self.to_s, self.from_s - high), 0.0)
-        apart = _compute_mean_decay(a / tau) * _compute_mean_decay(b / tau) * np.exp(-gap / tau)
-        return np.where(same, _compute_mean_variance(a / tau), apart)
+        between = _compute_mean_decay(a / tau) * _compute_mean_decay(b / tau) * np.exp(-gap / tau)
+        return np.where(same, _compute_mean_variance(a / tau), between)
 
 
 def correlate_references(process: Process, t_s: Array, others_s: Array) -> Array:
     """Compute the correlation (n, k) of a process of references or delays at times (n,) and (k,) s."""
-    apart = np.abs(np.subtract.outer(t_s, others_s))
+    lag = np.abs(np.subtract.outer(t_s, others_s))
     if process.time_scale_s == 0:
-        return np.asarray((apart == 0).astype(np.float64))
-    return np.asarray(np.exp(-apart / process.time_scale_s))
+        return np.asarray((lag == 0).astype(np.float64))
+    return np.asarray(np.exp(-lag / process.time_scale_s))
 
 
 def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
-    """Compute u (m, 3, 12), the attitude error in the start's axes per unit parameter error from the output before to each.
+    """Compute u (m, 3, 12), the attitude error in the start's axes per unit parameter error since the output before.
 
     R, Theta: (m, 3, 3) rotation and (m, 3, 12) sensitivity since the interval's start, by interval in the order of time
     interval: (m,) number of each output's interval
@@ -197,7 +197,7 @@ def _compute_mean_variance(x: Array) -> Array:
 
 
 def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
-    """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
+    """Average the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
     correlated = [
         process
         for process in processes

@@ -55,11 +55,10 @@ class CalibrationResult:
     residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
         vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
     observability : singular values and combinations not found
-    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter, iterations), for the
-        record
+    options : of the calibration (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter, iterations), for the record
     chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
-    attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
+    attenuation : (12,) expected error of G and b by the noise of the rates, see `gyrocal.calibration.attenuation`; None
         with other covariances than the full one
     plausible : grade of the gyro and plausible ranges of G and b; they are the a-priori sigmas where the data leave a
         combination free and no a-priori covariance is given
@@ -146,12 +145,12 @@ class CalibrationResult:
         if not self.observability.unobservable:
             return ()
         ranges, covariance = self._select_solved()
-        along = self.observability.directions / ranges
-        sigma = np.abs(self.observability.leads) * np.sqrt(np.einsum("kp,pq,kq->k", along, covariance, along))
+        directions = self.observability.directions / ranges
+        sigma = np.abs(self.observability.leads) * np.sqrt(np.einsum("kp,pq,kq->k", directions, covariance, directions))
         return tuple(sigma.tolist())
 
     def _select_solved(self) -> tuple[Array, Array]:
-        """Plausible ranges (p,) of the solved-for parameters, and their covariance (p, p)."""
+        """Select the plausible ranges (p,) of the solved-for parameters, and their covariance (p, p)."""
         names = select_parameter_space(self.parametrisation).names
         columns = np.array([names.index(name) for name in self.solved_for])
         return self.plausible.vector(columns >= 9), self.own_covariance[np.ix_(columns, columns)]
@@ -176,7 +175,7 @@ class CalibrationResult:
         return decide_verdict(self)
 
     def summary(self) -> pd.DataFrame:
-        """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
+        """Tabulate initial and calibrated value, correction and sigma; a row a parameter, biases in deg/s."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
         space = select_parameter_space(self.parametrisation)
@@ -194,7 +193,7 @@ class CalibrationResult:
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """`summary`, under the name that other libraries give such a table."""
+        """Return `summary`, under the name that other libraries give such a table."""
         return self.summary()
 
     def _list_facts(self) -> list[tuple[str, str]]:
@@ -233,11 +232,11 @@ class CalibrationResult:
         return np.asarray(np.rad2deg(self.sigma[9:]))
 
     def _select_residuals(self, label: str) -> pd.DataFrame:
-        """Columns of the residuals "before" or "after", or of their "sigma", deg."""
+        """Select the columns of the residuals "before" or "after", or of their "sigma", deg."""
         return self.residuals[[f"{label}_{name}_deg" for name in ROTATION_NAMES]]
 
     def plot_residuals(self, ax: Axes | None = None, *, before: bool = False) -> Axes:
-        """Residuals after the calibration over time, deg, with the sigma expected of each; with those before if asked.
+        """Plot residuals after the calibration over time, deg, with the sigma of each; those before too if asked.
 
         They are drawn on ax, or on one of a new figure.
         """
@@ -256,7 +255,7 @@ class CalibrationResult:
         return ax
 
     def plot_parameters(self, ax: Axes | None = None) -> Axes:
-        """Corrections of the solved-for parameters in sigmas, on ax or on one of a new figure; the values are the labels."""
+        """Plot corrections of the solved-for parameters in sigmas, on ax or on one of a new figure; labels give the values."""
         ax, table = ax or _make_axes(), self.summary().query("solved")
         places = np.arange(len(table))[::-1]
         ax.errorbar((table["correction"] / table["sigma"]).to_numpy(), places, xerr=1.0, fmt="o", capsize=3)
@@ -269,11 +268,11 @@ class CalibrationResult:
         return ax
 
     def to_json(self) -> dict[str, Any]:
-        """The result as plain values, degrees and deg/s."""
+        """Convert to plain values, degrees and deg/s."""
         remainder, sigma = self.remainder, self.sigma * DEGREES
         times = self.residuals[["interval", "t_s"]].to_dict("records")
-        both = zip(*(self._select_residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
-        rows = [row | {"before_deg": a, "after_deg": b} for row, (a, b) in zip(times, both, strict=True)]
+        before_after = zip(*(self._select_residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
+        rows = [row | {"before_deg": a, "after_deg": b} for row, (a, b) in zip(times, before_after, strict=True)]
         return {
             "format": 1,
             "recording": self.recording,
@@ -290,7 +289,7 @@ class CalibrationResult:
             "estimates": self.summary().query("solved").drop(columns="solved").to_dict("records"),
             "covariance": _convert_covariance(self.covariance).tolist(),
             "covariance_model": self.covariance_model,
-            "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
+            "corrections": [{"G": step.G.tolist(), "bias_deg_s": np.rad2deg(step.bias).tolist()} for step in self.corrections],
             "residuals": rows,
             "unobservable": list(self.observability.unobservable),
             "unobservable_sigma": self._convert_unobservable_sigma(),
@@ -315,7 +314,7 @@ class CalibrationResult:
         }
 
     def _convert_unobservable_sigma(self) -> list[float]:
-        """`unobservable_sigma` with combinations of biases alone in deg/s."""
+        """Convert `unobservable_sigma` of combinations of biases alone to deg/s."""
         return [
             float(np.rad2deg(sigma)) if text.split()[1].startswith(BIAS_LETTERS) else sigma
             for text, sigma in zip(self.observability.unobservable, self.unobservable_sigma, strict=True)

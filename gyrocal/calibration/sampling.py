@@ -11,10 +11,9 @@ averaging leaves it as it was.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.arrays import Array, Indices
 from gyrocal.calibration.propagation import Arcs
@@ -53,42 +52,59 @@ def prepare_measurements(
     max_gap_s: longest gap that is bridged by holding the last sample; half a sample by default
     """
     gyro = recording.gyro
-    factor = _factor(step_s, gyro.sample_s)
+    factor = _count_step_samples(step_s, gyro.sample_s)
     if max_gap_s is not None and not 0 <= max_gap_s < np.inf:
         raise InputError(f"the longest gap must be a finite time of zero or more seconds, not {max_gap_s:g}")
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
-    parts: list[tuple[NDArray[Any], ...]] = []
+    parts: list[_ArcSteps] = []
     steps, fine_steps, held_s = 0, 0, 0.0
-    for number, interval in enumerate(recording.intervals):
-        rows = find_reference_rows(recording.attitudes.t_s, interval)
-        times = recording.attitudes.t_s[rows]
-        low, tags = find_covering_samples(gyro, interval.name, times, limit)
-        fine_dt, stretch, cuts = cut_at(tags, times)
-        fine, outputs = _group_steps(cuts, factor)
-        dt = np.add.reduceat(fine_dt, fine)
-        arc = np.full(rows.size - 1, number)
-        references = np.full_like(arc, rows[0]), rows[1:], times[1:] - times[0]
-        ends = steps + outputs[:-1], steps + outputs[1:]
-        parts.append((fine_dt, low + stretch, dt, fine_steps + fine, *ends, arc, *references))
-        held_s += float(np.sum(np.diff(tags)[np.diff(tags) > 1.5 * gyro.sample_s] - gyro.sample_s))
-        steps += len(dt)
-        fine_steps += len(fine_dt)
-    fine_dt, sample, dt, fine, first, last, arc, start, row, elapsed = (np.concatenate(p) for p in zip(*parts, strict=True))
-    averaged = resampling == "average" and factor > 1
-    return Measurements(
-        arcs=Arcs(gyro.rates, dt, sample, first, last, arc, np.append(fine, fine_steps), fine_dt)
-        if averaged
-        else Arcs(gyro.rates, dt, sample[fine], first, last, arc),
-        start=start,
-        row=row,
-        elapsed_s=elapsed,
-        noise_gain=float(factor) if resampling == "skip" else 1.0,
-        held_s=held_s,
-    )
+    for number in range(len(recording.intervals)):
+        part, part_held_s = _cut_arc(recording, number, factor, limit)
+        parts.append(part._replace(fine=fine_steps + part.fine, first=steps + part.first, last=steps + part.last))
+        held_s += part_held_s
+        steps += len(part.dt)
+        fine_steps += len(part.fine_dt)
+    joined = _ArcSteps(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    outputs = joined.first, joined.last, joined.arc
+    if resampling == "average" and factor > 1:
+        arcs = Arcs(gyro.rates, joined.dt, joined.sample, *outputs, np.append(joined.fine, fine_steps), joined.fine_dt)
+    else:
+        arcs = Arcs(gyro.rates, joined.dt, joined.sample[joined.fine], *outputs)
+    noise_gain = float(factor) if resampling == "skip" else 1.0
+    return Measurements(arcs, joined.start, joined.row, joined.elapsed_s, noise_gain, held_s)
 
 
-def _factor(step_s: float | None, sample_s: float) -> int:
-    """Samples in a step."""
+class _ArcSteps(NamedTuple):
+    """Steps and outputs of arcs; see `gyrocal.calibration.propagation.Arcs` and `Measurements`."""
+
+    fine_dt: Array
+    sample: Indices  # gyro sample that each fine step holds
+    dt: Array
+    fine: Indices  # first fine step of each step
+    first: Indices
+    last: Indices
+    arc: Indices
+    start: Indices
+    row: Indices
+    elapsed_s: Array
+
+
+def _cut_arc(recording: Recording, number: int, factor: int, max_gap_s: float) -> tuple[_ArcSteps, float]:
+    """Cut interval `number` into steps, counted from its own first one; with the time over which samples are held, s."""
+    gyro, interval = recording.gyro, recording.intervals[number]
+    rows = find_reference_rows(recording.attitudes.t_s, interval)
+    times = recording.attitudes.t_s[rows]
+    low, tags = find_covering_samples(gyro, interval.name, times, max_gap_s)
+    fine_dt, stretch, cuts = cut_at(tags, times)
+    fine, outputs = _group_steps(cuts, factor)
+    dt, arc = np.add.reduceat(fine_dt, fine), np.full(rows.size - 1, number)
+    start, elapsed_s = np.full_like(arc, rows[0]), times[1:] - times[0]
+    steps = _ArcSteps(fine_dt, low + stretch, dt, fine, outputs[:-1], outputs[1:], arc, start, rows[1:], elapsed_s)
+    return steps, float(np.sum(np.diff(tags)[np.diff(tags) > 1.5 * gyro.sample_s] - gyro.sample_s))
+
+
+def _count_step_samples(step_s: float | None, sample_s: float) -> int:
+    """Count the samples of a step."""
     if step_s is None:
         return 1
     ratio = step_s / sample_s
@@ -98,13 +114,13 @@ def _factor(step_s: float | None, sample_s: float) -> int:
 
 
 def _group_steps(ends: Indices, factor: int) -> tuple[Indices, Indices]:
-    """First fine step of every step of `factor` fine ones, counted afresh from each of `ends`; and those ends in steps."""
+    """Group fine steps by `factor`, afresh from each of `ends`: the first fine step of each, and the ends in steps."""
     firsts = [np.arange(low, high, factor) for low, high in pairwise(ends)]
     return np.concatenate(firsts), np.concatenate([[0], np.cumsum([len(part) for part in firsts])])
 
 
 def find_covering_samples(gyro: GyroStream, name: str, times: Array, max_gap_s: float) -> tuple[int, Array]:
-    """Gyro samples that hold between the first and the last of some times.
+    """Find the gyro samples that hold between the first and the last of some times.
 
     An `InputError` if they do not cover the times, or have a gap.
 
@@ -137,7 +153,7 @@ def find_covering_samples(gyro: GyroStream, name: str, times: Array, max_gap_s: 
 
 
 def cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
-    """Cut stretches of held rate at the wanted times; edges within a microsecond of one of them are that time.
+    """Cut stretches of held rate at the wanted times; edges within a microsecond of such a time coincide with it.
 
     Returns durations of the steps, the stretch each belongs to, and the step counts at the wanted times.
 
@@ -146,7 +162,7 @@ def cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
     """
     inside = edges[(edges > times[0]) & (edges < times[-1])]
     nearest = np.clip(np.searchsorted(times, inside), 1, len(times) - 1)
-    apart = np.minimum(np.abs(inside - times[nearest - 1]), np.abs(inside - times[nearest]))
-    cuts = np.union1d(inside[apart > 1e-6], times)
+    distance = np.minimum(np.abs(inside - times[nearest - 1]), np.abs(inside - times[nearest]))
+    cuts = np.union1d(inside[distance > 1e-6], times)
     stretch = np.clip(np.searchsorted(edges, 0.5 * (cuts[:-1] + cuts[1:]), side="right") - 1, 0, len(edges) - 2)
     return np.diff(cuts), stretch, np.searchsorted(cuts, times)

@@ -49,8 +49,8 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     dof: d, degrees of freedom of the residuals
     """
     power = float(residuals @ residuals)
-    each = np.array([float(np.square(part).sum()) for part in components])
-    unit = max(power, dof) / each  # variance with which a component would make all the power alone
+    component_power = np.array([float(np.square(part).sum()) for part in components])
+    unit = max(power, dof) / component_power  # variance with which a component would make all the power alone
     lower = list_lower_places(residuals.size)
     kernels = np.array([(part @ part.T).ravel()[lower] for part in components]).reshape(len(components), lower.size)
 
@@ -93,7 +93,7 @@ def evaluate_likelihood(
     value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + y @ a / noise)
     inverse, _ = scipy.linalg.lapack.dpotri(factor, overwrite_c=1)
     products = np.array([inverse.T, np.outer(a, a)]).reshape(2, -1)[:, lower] * 2.0
-    products[:, np.cumsum(np.arange(1, n + 1)) - 1] *= 0.5  # what is beside the diagonal is there twice
-    seen, u2 = (ratios * (kernels @ product) for product in products)
-    slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
+    products[:, np.cumsum(np.arange(1, n + 1)) - 1] *= 0.5  # elements beside the diagonal count twice
+    traces, quadratics = (ratios * (kernels @ product) for product in products)
+    slope = -0.5 * np.concatenate([[a @ a / noise - dof + traces.sum()], quadratics / noise - traces])
     return float(value), slope

@@ -30,7 +30,7 @@ Fit = Literal["fits", "larger", "other_noise", "smaller", "untested"]
 DOUBT = 0.01  # p-value below which the residuals are too large, and above one minus which too small
 WEAK_TEST = 10  # degrees of freedom, below which χ² rejects large errors only
 SMALLEST_P_VALUE = 1e-99  # p-value that is written out
-SIGNIFICANT_SCALE = 3.0  # sigma, beyond which a scale error is the data's and not of what they leave open
+SIGNIFICANT_SCALE = 3.0  # sigma, beyond which the data show a scale error
 LARGEST_SCALE_ERROR = 0.1  # MEMS data sheets state sensitivities to 3 to 6 %
 LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes are not mounted as assumed
 LARGEST_BIAS = 3.0  # plausible ranges of the grade
@@ -60,8 +60,8 @@ def decide_verdict(result: CalibrationResult) -> CalibrationVerdict:
     elif fit == "untested":
         belief, summary = "unchecked", "The calibration cannot be checked: its parameters use all residuals."
     elif result.recommended == WITH_REMAINDER:
-        used = result.sigma > 0
-        growth = np.sqrt(np.diag(result.recommended_covariance))[used] / result.sigma[used]
+        estimated = result.sigma > 0
+        growth = np.sqrt(np.diag(result.recommended_covariance))[estimated] / result.sigma[estimated]
         low, high = (float(f"{factor:.2g}") for factor in (growth.min(), growth.max()))
         belief, summary = (
             "with_wider_sigmas",
@@ -97,17 +97,17 @@ def describe_fit(result: CalibrationResult, fit: Fit) -> str:
         weak = ", but with so few degrees of freedom this is a weak test" if result.dof < WEAK_TEST else ""
         return f"{text} They fit the stated noise{weak}."
     if fit == "smaller":
-        why = "it is stated too large (gyrocal diagnose says which noise), or the recording is noise-free"
-        return f"{text} They are smaller than the stated noise: {why}."
+        cause = "it is stated too large (gyrocal diagnose says which noise), or the recording is noise-free"
+        return f"{text} They are smaller than the stated noise: {cause}."
     remainder, suspects = result.remainder, ", ".join(list_misfit_reasons(result))
     if remainder is None or not remainder.is_significant:
         return f"{text} They are larger than the stated noise allows: do not trust the sigmas. Suspect {suspects}."
-    how = "are larger than the stated noise allows" if fit == "larger" else "do not fit the stated noise"
-    return f"{text} They {how} (likelihood ratio of a remainder, {format_p_value(remainder.p_value)}). Suspect {suspects}."
+    finding = "are larger than the stated noise allows" if fit == "larger" else "do not fit the stated noise"
+    return f"{text} They {finding} (likelihood ratio of a remainder, {format_p_value(remainder.p_value)}). Suspect {suspects}."
 
 
 def format_p_value(p: float) -> str:
-    """Format a p-value; a tiny one as smaller than what is written out."""
+    """Format a p-value; a tiny one as below the smallest that is written out."""
     return f"p = {p:.2g}" if p > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
 
 
@@ -137,11 +137,11 @@ def find_implausible_values(
     bias, sigma_bias: (3,) calibrated b and its 1-sigma, rad/s
     """
     scale, sigma = np.diag(mounting.S), np.diag(mounting.sigma_S)
-    off = [k for k in range(3) if abs(scale[k] - 1) > max(LARGEST_SCALE_ERROR, SIGNIFICANT_SCALE * sigma[k])]
-    if off:
-        named = ", ".join(f"{'xyz'[k]} {scale[k]:.4g} ± {sigma[k]:.1g}" for k in off)
+    implausible = [k for k in range(3) if abs(scale[k] - 1) > max(LARGEST_SCALE_ERROR, SIGNIFICANT_SCALE * sigma[k])]
+    if implausible:
+        listed = ", ".join(f"{'xyz'[k]} {scale[k]:.4g} ± {sigma[k]:.1g}" for k in implausible)
         yield (
-            f"The scale factor of {named} is off by more than {100 * LARGEST_SCALE_ERROR:.0f} %. "
+            f"The scale factor of {listed} is off by more than {100 * LARGEST_SCALE_ERROR:.0f} %. "
             "Check the unit of the rates and the size of a count (--lsb)."
         )
     if mounting.change > LARGEST_ROTATION:
@@ -150,10 +150,10 @@ def find_implausible_values(
             "Check the order and signs of the axes and the direction of the attitudes, or import with --mounting estimate."
         )
     worst = int(np.argmax(np.abs(bias)))
-    times = abs(bias[worst]) / plausible.bias
-    if times > LARGEST_BIAS:
+    ratio = abs(bias[worst]) / plausible.bias
+    if ratio > LARGEST_BIAS:
         yield (
-            f"The bias b_{'xyz'[worst]} of {np.rad2deg(bias[worst]):.4g} deg/s is {times:.3g} times the plausible range of the "
+            f"The bias b_{'xyz'[worst]} of {np.rad2deg(bias[worst]):.4g} deg/s is {ratio:.3g} times the plausible range of the "
             f"{plausible.grade} grade ({plausible.bias_deg_h:.3g} deg/h). "
             "Check whether the readings have an offset of their own."
         )
@@ -184,15 +184,14 @@ def find_combinations_lost_to_misfit(
     """
     if dof <= 0 or chi2 <= dof:
         return ()
-    wider = float(np.sqrt(chi2 / dof))
+    widening = float(np.sqrt(chi2 / dof))
     scaled = covariance / np.outer(ranges, ranges)
     values, directions = np.linalg.eigh(scaled)
-    whitened = directions.T / (np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None] * wider)
+    whitened = directions.T / (np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None] * widening)
     lost = evaluate_observability(whitened / ranges, ranges, names).unobservable
     if not lost:
         return ()
     return (
-        f"With sigmas wider by √(χ²/dof) = {wider:.3g}, {len(lost)} of {len(names)} parameter combinations are not determined "
-        "to within their plausible ranges: "
-        f"{list_combinations(lost)}. Do not use their values.",
+        f"With sigmas wider by √(χ²/dof) = {widening:.3g}, {len(lost)} of {len(names)} parameter combinations are not "
+        f"determined to within their plausible ranges: {list_combinations(lost)}. Do not use their values.",
     )

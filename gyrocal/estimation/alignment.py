@@ -14,7 +14,7 @@ One sensor is the reference, its M held. R solves step two for all sensors and m
 all sensors together. The same step two here has the reference's M held and a rotation κ of the attitude, constant in the body,
 in its place: exp([κ×]) A and M_ref = I give the reference's residuals that A and its own M give.
 
-What two steps lose
+Bias of two steps
     With the residuals z = X a + D m + noise, X of attitude and bias, and K = [H, D] of (κ, m), H = ∂z/∂κ, step one leaves
     (I − X X⁺) z, and step two finds the last q rows L of
 
@@ -30,10 +30,10 @@ What two steps lose
     L_k V L_kᵀ with V the covariance of z, gyro noise included: it holds the error of the attitude step, which used the same
     measurements. To take step two for itself, (DᵀD)⁻¹, would leave that out.
 
-A rotation of all sensors together is an attitude error, R: with every sensor free nothing determines it. What is not determined
-then is found as the null space of the information and put in words. Null is to be taken with a grain of salt: the oblate Earth
-looks different in its four quadrants, and tells a common rotation about yaw to some tenths of a degree. What is not told to a
-tenth of a degree, the size of the misalignments looked for, counts as free.
+A rotation of all sensors together is an attitude error, R: with every sensor free nothing determines it. Free combinations are
+the null space of the information, to within a threshold: the oblate Earth looks different in its four quadrants, which gives a
+common rotation about yaw to some tenths of a degree. A rotation that is not determined to a tenth of a degree, the size of the
+misalignments to be found, counts as free.
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ MAX_STEPS = 20
 
 @dataclass(frozen=True)
 class AlignmentResult:
-    """What an alignment calibration found.
+    """Result of an alignment calibration.
 
     Attributes
     ----------
     reference : name of the sensor whose M is held
-    models : the sensor models with what was found
+    models : the sensor models with the parameters found
     names : (q,) solved-for parameters, "sensor parameter"
     covariance : (q, q) about the mean, rad²; of a rotation M the error is m in exp([m×]) M
     retained : (q, q) T_k, how much of the true parameters the mean of the estimate holds; the identity if unbiased
@@ -136,7 +136,7 @@ def align_together(
     epoch_s: float | None = None,
     weighting: Weighting = "plain",
 ) -> AlignmentResult:
-    """Algorithm 1: attitude, bias and misalignments at once.
+    """Solve for attitude, bias and misalignments at once, algorithm 1.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def align_in_two_steps(
     tolerance: float = 1e-6,
     max_rounds: int = 500,
 ) -> AlignmentResult:
-    """Algorithm 2: attitude and bias, then misalignments with the attitude fixed.
+    """Solve for attitude and bias, then for misalignments with the attitude fixed, algorithm 2.
 
     Parameters
     ----------
@@ -199,23 +199,25 @@ def align_in_two_steps(
     solved = choose_columns(series, _select_free(series, reference, free))
     epoch = float(list_measured_times(series).min()) if epoch_s is None else float(epoch_s)
     path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
-    at_epoch = path.node(np.array([epoch]))[0]
-    attitude, present = start, tuple(series)
-    for done in range(1, limit + 1):
-        first = batch(present, gyro, attitude, epoch_s=epoch, weighting="plain")
-        fixed = path.carry_back(epoch, first.attitude, first.bias, first.models)
-        if done == 1:
+    epoch_node = path.find_nodes(np.array([epoch]))[0]
+    attitude, corrected = start, tuple(series)
+    for round_number in range(1, limit + 1):
+        attitude_step = batch(corrected, gyro, attitude, epoch_s=epoch, weighting="plain")
+        fixed = path.carry_back(epoch, attitude_step.attitude, attitude_step.bias, attitude_step.models)
+        if round_number == 1:
             check_observable(linearise(path, series, fixed, solved).rows, fixed.C[0], solved.names)
         estimate, state, change = _solve_second_step(path, series, fixed, solved)
-        attitude = state.R[at_epoch] @ estimate.C[at_epoch]
-        present = tuple(replace(measurements, model=model) for measurements, model in zip(series, estimate.models, strict=True))
+        attitude = state.R[epoch_node] @ estimate.C[epoch_node]
+        corrected = tuple(
+            replace(measurements, model=model) for measurements, model in zip(series, estimate.models, strict=True)
+        )
         L = _step_gain(state)
         if np.abs(change / np.linalg.norm(L, axis=1)).max() <= tolerance:
             break
     else:
         if rounds is None:
             raise InputError(f"the two steps did not converge in {limit} rounds; solve for all together")
-    gain, retained = _repeat_rounds(L, L @ state.rows.parameters[:, 3:], None if rounds is None else done)
+    gain, retained = _repeat_rounds(L, L @ state.rows.parameters[:, 3:], None if rounds is None else round_number)
     walk = accumulate_by_increment(state.rows, gain, len(path.t)) * path.q[:, None, None]
     walk_flat = walk.transpose(1, 0, 2).reshape(len(gain), -1)
     return AlignmentResult(
@@ -229,7 +231,7 @@ def align_in_two_steps(
         bias=estimate.bias,
         loss_after=state.rows.chi2,
         dof=len(state.rows.z) - 6 - len(solved.names),
-        rounds=done,
+        rounds=round_number,
         unobservable=_find_undetermined(series, gyro, estimate.models, epoch, attitude, estimate.bias),
     )
 
@@ -256,13 +258,13 @@ def _select_free(
 def _solve_second_step(
     path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns
 ) -> tuple[Estimate, LinearisedMeasurements, Array]:
-    """Misalignments with the attitude fixed but for κ; the estimate, its linearisation, and the change of the parameters."""
+    """Solve for misalignments with the attitude fixed but for κ: estimate, linearisation, and change of the parameters."""
     total = np.zeros(len(solved.names))
     for _ in range(MAX_STEPS):
         state = linearise(path, series, estimate, solved)
         step = np.asarray(np.linalg.lstsq(_step_columns(state), state.rows.z, rcond=None)[0], dtype=float)
-        turned = state.R.swapaxes(1, 2) @ rotation_matrix(step[:3]) @ state.R @ estimate.C
-        estimate = replace(estimate, C=turned, models=solved.correct_models(estimate.models, step[3:]))
+        C = state.R.swapaxes(1, 2) @ rotation_matrix(step[:3]) @ state.R @ estimate.C
+        estimate = replace(estimate, C=C, models=solved.correct_models(estimate.models, step[3:]))
         total += step[3:]
         if np.linalg.norm(_step_columns(state) @ step) <= 1e-6:
             break
@@ -270,13 +272,13 @@ def _solve_second_step(
 
 
 def _step_columns(state: LinearisedMeasurements) -> Array:
-    """K = [H, D] (r, 3 + q)."""
+    """Build K = [H, D] (r, 3 + q)."""
     H = np.einsum("ri,rji->rj", state.rows.attitude, state.R[state.rows.node])
     return np.hstack([H, state.rows.parameters[:, 3:]])
 
 
 def _step_gain(state: LinearisedMeasurements) -> Array:
-    """L (q, r): misalignments of step two by residuals before step one."""
+    """Compute L (q, r), which maps residuals before step one to the misalignments of step two."""
     X = np.hstack([state.rows.attitude, state.rows.parameters[:, :3]])
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
     gain = np.linalg.pinv(_step_columns(state))[3:]
@@ -284,7 +286,7 @@ def _step_gain(state: LinearisedMeasurements) -> Array:
 
 
 def _repeat_rounds(L: Array, T: Array, rounds: int | None) -> tuple[Array, Array]:
-    """L_k and T_k after so many rounds, or at convergence."""
+    """Compute L_k and T_k after so many rounds, or at convergence."""
     q = len(T)
     if rounds is None:
         return np.asarray(np.linalg.solve(T, L)), np.eye(q)
@@ -312,11 +314,12 @@ def _find_undetermined(
 
 
 def _format_directions(directions: Array, state: LinearisedMeasurements, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Free directions (f, 3 + p): rotations that are one for the whole arc as rotations of all sensors, others by name."""
+    """Describe free directions (f, 3 + p): rotations constant along the arc as rotations of all sensors, others by name."""
     if not len(directions):
         return ()
     errors = directions[:, None, :3] - np.einsum("nij,fj->fni", state.S, directions[:, 3:6])
-    theta = np.einsum("nij,fnj->fni", state.R, errors)  # of each direction at each node, body axes
+    theta = np.einsum("nij,fnj->fni", state.R, errors)  # attitude change by each direction at each node, body axes
+    # Row k of axes is the axis of a mean rotation, and column k of mix combines the directions to a unit rotation about it.
     U, size, axes = np.linalg.svd(theta.mean(axis=1))
     rank = int(np.sum(size > 1e-3 * size[0])) if size[0] > 0 else 0
     mix = U[:, :rank] / size[:rank]
@@ -324,8 +327,8 @@ def _format_directions(directions: Array, state: LinearisedMeasurements, C: Arra
         mix, axes = mix @ axes, np.eye(3)
     texts = []
     for k in range(rank):
-        along = np.einsum("f,fni->ni", mix[:, k], theta)
-        if np.sqrt(np.mean(np.sum((along - axes[k]) ** 2, axis=1))) < SINGLE_ROTATION_SCATTER:
+        combined = np.einsum("f,fni->ni", mix[:, k], theta)
+        if np.sqrt(np.mean(np.sum((combined - axes[k]) ** 2, axis=1))) < SINGLE_ROTATION_SCATTER:
             axis = "xyz"[k] if rank == 3 else "({:.3f}, {:.3f}, {:.3f})".format(*(axes[k] + 0.0))
             texts.append(f"a rotation of all sensors together about body {axis}")
         else:

@@ -4,7 +4,7 @@ R takes its reference attitudes from a batch over an orbit or an arc of constant
 epoch attitude to every measurement, and attitude and bias are found that fit all measurements best. While the rate is
 constant an error of G acts as a bias, R (8), and the attitude does not suffer. The linear algebra is in
 `gyrocal.estimation.least_squares`, the nodes in `gyrocal.estimation.arc`; here Gauss and Newton's iteration is run to
-convergence, and the errors of what was found are carried to the wanted times.
+convergence, and the errors of the estimates are propagated to the wanted times.
 
 Two weightings:
 
@@ -21,7 +21,7 @@ once the gyro noise gathered over the batch is comparable with the attitude erro
 Errors are true minus estimate: exp([θ×]) = A_true A_estᵀ in body axes at the time of the attitude.
 
 What the measurements leave free is found as in `gyrocal.calibration.observability`: columns are scaled by a plausible range of
-each unknown, and a singular value below one says that this range is known better than the data would tell. One Sun direction
+each unknown, and below a singular value of one the range is narrower than the sigma by the data. One Sun direction
 leaves the rotation about it; with every sensor's alignment free, a rotation of all of them goes unnoticed.
 """
 
@@ -150,7 +150,7 @@ def batch(
     max_iterations: int = 20,
     tolerance: float = 1e-6,
 ) -> BatchResult:
-    """Epoch attitude and gyro bias, and sensor parameters if asked, from an arc of measurements.
+    """Estimate epoch attitude and gyro bias, and sensor parameters if asked, from an arc of measurements.
 
     Parameters
     ----------
@@ -179,11 +179,11 @@ def batch(
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
     wanted = np.asarray(times, dtype=float)
     path = build_gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G)
-    first = path.carry_back(epoch, start, gyro.apriori_bias, [measurements.model for measurements in series])
-    estimate, iterations = _iterate(path, series, first, solved, weighting, max_iterations, tolerance)
+    starting_estimate = path.carry_back(epoch, start, gyro.apriori_bias, [measurements.model for measurements in series])
+    estimate, iterations = _iterate(path, series, starting_estimate, solved, weighting, max_iterations, tolerance)
     state = linearise(path, series, estimate, solved)
     system = build_solver(path, state.rows, estimate.C, weighting)
-    nodes = path.node(np.concatenate([[epoch], wanted]))
+    nodes = path.find_nodes(np.concatenate([[epoch], wanted]))
     errors = _compute_errors(
         path, state, system.compute_influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names)
     )
@@ -211,7 +211,7 @@ def batch(
 
 
 def build_solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> PlainLeastSquares | ExactLeastSquares:
-    """The factorised system of a weighting; where the walk is negligible, plain is as good as exact, and better conditioned."""
+    """Factorise the system of a weighting; plain for a negligible walk: as good as exact, and better conditioned."""
     walk = np.sqrt(np.sum(path.q**2)) * np.linalg.norm(rows.attitude)
     if weighting == "plain" or walk < NEGLIGIBLE_WALK * np.sqrt(len(path.t)):
         return PlainLeastSquares(rows, len(path.t))
@@ -227,7 +227,7 @@ def _iterate(
     max_iterations: int,
     tolerance: float,
 ) -> tuple[Estimate, int]:
-    """Gauss and Newton's iteration to convergence."""
+    """Iterate by Gauss and Newton to convergence; returns the estimate and the number of iterations."""
     for iteration in range(1, max_iterations + 1):
         rows = linearise(path, series, estimate, solved).rows
         if not (np.isfinite(rows.z).all() and np.isfinite(rows.plain).all()):
@@ -245,7 +245,7 @@ def _iterate(
 
 
 def correct_estimate(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Estimate:
-    """The estimate with corrections γ (N, 3) and δ (3 + q,) made."""
+    """Correct an estimate by γ (N, 3) and δ (3 + q,)."""
     return Estimate(
         rotation_matrix(gamma) @ estimate.C,
         estimate.bias + delta[:3],
@@ -256,7 +256,7 @@ def correct_estimate(estimate: Estimate, gamma: Array, delta: Array, solved: Col
 def _compute_errors(
     path: GyroArc, state: LinearisedMeasurements, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int
 ) -> Errors:
-    """Errors of epoch attitude, bias, sensor parameters, wanted attitudes, in this order; attitudes in body axes there."""
+    """Compute the errors of epoch attitude, bias, sensor parameters and wanted attitudes, in this order; in body axes there."""
     p = 3 + q
     turn = scipy.linalg.block_diag(np.eye(p), *state.R[nodes])
     order = np.concatenate([np.arange(p, p + 3), np.arange(p), np.arange(p + 3, len(turn))])
@@ -285,12 +285,12 @@ def check_observable(rows: Rows, C: Array, names: tuple[str, ...]) -> None:
 
 
 def list_plausible_ranges(p: int) -> Array:
-    """(3 + p,) plausible ranges of attitude, bias and sensor parameters."""
+    """List plausible ranges (3 + p,) of attitude, bias and sensor parameters."""
     return np.array([PLAUSIBLE_ATTITUDE] * 3 + [PLAUSIBLE_BIAS] * 3 + [PLAUSIBLE_SENSOR] * (p - 3))
 
 
 def find_free_directions(rows: Rows, part: float = 1.0) -> Array:
-    """(f, 3 + p) changes of (γ, δ) the measurements do not see to within this part of the plausible range.
+    """Find changes (f, 3 + p) of (γ, δ) that measurements do not determine to within this part of the plausible range.
 
     They are as sparse as pivoting makes them; the largest element of each is its plausible range.
     """
@@ -305,15 +305,15 @@ def find_free_directions(rows: Rows, part: float = 1.0) -> Array:
 
 
 def format_free_direction(direction: Array, C: Array, names: tuple[str, ...]) -> str:
-    """A free direction in words: the rotation, by its inertial axis, and what of bias and sensors goes with it."""
+    """Describe a free direction: the rotation, by its inertial axis, and the bias and sensor parameters that go with it."""
     scale = list_plausible_ranges(len(direction) - 3)
-    share = np.abs(direction / scale)
+    relative_size = np.abs(direction / scale)
     terms = []
     size = float(np.linalg.norm(direction[:3]))
-    if share[:3].max() > NAMED_SHARE:
+    if relative_size[:3].max() > NAMED_SHARE:
         axis = C.T @ direction[:3] / size
         axis *= np.sign(axis[np.argmax(np.abs(axis))])
         terms.append("a rotation about the inertial direction ({:.3f}, {:.3f}, {:.3f})".format(*(axis + 0.0)))
     labels = (*BIAS_NAMES, *names)
-    terms += [labels[k - 3] for k in range(3, len(direction)) if share[k] > NAMED_SHARE]
+    terms += [labels[k - 3] for k in range(3, len(direction)) if relative_size[k] > NAMED_SHARE]
     return " together with ".join([terms[0], ", ".join(terms[1:])] if len(terms) > 1 else terms)

@@ -82,27 +82,27 @@ class ErrorStates:
         (m, 3, p) L⁻¹ of the readings, (n + 1, states, p) the smoothed states, and their (n + 1, states, states) covariance
         """
         parts = (self.turns, self.white, self.variance, self.mean, self.decay, self.mean_variance)
-        given = (np.ascontiguousarray(values, dtype=np.float64) for values in (*parts, H, noise, readings))
-        white, states, covariance = _smooth(node.astype(np.intp), *given)
+        arrays = (np.ascontiguousarray(values, dtype=np.float64) for values in (*parts, H, noise, readings))
+        white, states, covariance = _smooth(node.astype(np.intp), *arrays)
         return white, states, covariance
 
 
 @compile_cached
 def _build_step(turns, white, variance, mean, decay, mean_variance):  # type: ignore[no-untyped-def]
-    """Transition and covariance of one step."""
+    """Build transition and covariance Q of one step."""
     size = 3 + variance.size
-    step, added = np.eye(size), np.zeros((size, size))
-    added[:3, :3] = white
+    step, Q = np.eye(size), np.zeros((size, size))
+    Q[:3, :3] = white
     for j in range(variance.size):
         state, u = 3 + j, turns[:, j]
         step[state, state] = decay[j]
-        added[state, state] = variance[j] * (1 - decay[j] * decay[j])
+        Q[state, state] = variance[j] * (1 - decay[j] * decay[j])
         for a in range(3):
             step[a, state] = u[a] * mean[j]
-            added[a, state] = added[state, a] = variance[j] * mean[j] * (1 - decay[j]) * u[a]
+            Q[a, state] = Q[state, a] = variance[j] * mean[j] * (1 - decay[j]) * u[a]
             for b in range(3):
-                added[a, b] += variance[j] * mean_variance[j] * u[a] * u[b]
-    return step, added
+                Q[a, b] += variance[j] * mean_variance[j] * u[a] * u[b]
+    return step, Q
 
 
 @compile_cached
@@ -114,37 +114,37 @@ def _smooth(  # type: ignore[no-untyped-def]
     for j in range(variance.size):
         P[3 + j, 3 + j] = variance[j]
     covariance, states = np.zeros((count, size, size)), np.zeros((count, size, columns))
-    kept = np.zeros((len(node), size, size))  # I − K H
-    seen, innovations = np.zeros((len(node), 3, size)), np.zeros((len(node), 3, columns))
+    complement = np.zeros((len(node), size, size))  # I − K H
+    white_H, innovations = np.zeros((len(node), 3, size)), np.zeros((len(node), 3, columns))
     row = 0
     for k in range(count):
         if k > 0:
-            step, added = _build_step(turns[k - 1], white[k - 1], variance, mean[k - 1], decay[k - 1], mean_variance[k - 1])
+            step, Q = _build_step(turns[k - 1], white[k - 1], variance, mean[k - 1], decay[k - 1], mean_variance[k - 1])
             x = step @ x
-            P = step @ P @ step.T + added
+            P = step @ P @ step.T + Q
         while row < len(node) and node[row] == k:
             row_H = H[row]
             root = solve_lower(compute_lower_root(row_H @ P @ row_H.T + noise[row]), np.eye(3))
-            seen[row] = root @ row_H
+            white_H[row] = root @ row_H
             innovations[row] = root @ (readings[row] - row_H @ x)
-            gain = P @ seen[row].T
+            gain = P @ white_H[row].T
             K = gain @ root
-            kept[row] = np.eye(size) - gain @ seen[row]
+            complement[row] = np.eye(size) - gain @ white_H[row]
             x = x + gain @ innovations[row]
-            P = kept[row] @ P @ kept[row].T + K @ noise[row] @ K.T
+            P = complement[row] @ P @ complement[row].T + K @ noise[row] @ K.T
             row += 1
         covariance[k], states[k] = P, x
-    slope, curve = np.zeros((size, columns)), np.zeros((size, size))
+    adjoint, adjoint_covariance = np.zeros((size, columns)), np.zeros((size, size))  # λ and Λ of Bryson and Frazier
     for k in range(count - 1, -1, -1):
         P = covariance[k].copy()
-        states[k] -= P @ slope
-        covariance[k] -= P @ curve @ P
+        states[k] -= P @ adjoint
+        covariance[k] -= P @ adjoint_covariance @ P
         while row > 0 and node[row - 1] == k:
             row -= 1
-            slope = kept[row].T @ slope - seen[row].T @ innovations[row]
-            curve = kept[row].T @ curve @ kept[row] + seen[row].T @ seen[row]
+            adjoint = complement[row].T @ adjoint - white_H[row].T @ innovations[row]
+            adjoint_covariance = complement[row].T @ adjoint_covariance @ complement[row] + white_H[row].T @ white_H[row]
         if k > 0:
-            step, added = _build_step(turns[k - 1], white[k - 1], variance, mean[k - 1], decay[k - 1], mean_variance[k - 1])
-            slope = step.T @ slope
-            curve = step.T @ curve @ step
+            step, _ = _build_step(turns[k - 1], white[k - 1], variance, mean[k - 1], decay[k - 1], mean_variance[k - 1])
+            adjoint = step.T @ adjoint
+            adjoint_covariance = step.T @ adjoint_covariance @ step
     return innovations, states, covariance

@@ -38,8 +38,8 @@ SERIES_TERMS = 9
 
 
 @compile_cached
-def step_integrals(phi: float) -> tuple[float, float, float, float]:
-    """c, d, e, f of a step that turns by phi ≥ 0 rad."""
+def compute_step_integrals(phi: float) -> tuple[float, float, float, float]:
+    """Compute c, d, e, f of a step that turns by phi ≥ 0 rad."""
     x = phi * phi
     if phi >= COVARIANCE_SERIES_LIMIT:
         return (
@@ -61,10 +61,10 @@ def step_integrals(phi: float) -> tuple[float, float, float, float]:
 
 @compile_cached
 def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:
-    """R = exp(−[φ×]) of φ = (x, y, z) rad into (3, 3); returns c and d."""
+    """Write R = exp(−[φ×]) of φ = (x, y, z) rad into (3, 3); return c and d."""
     xx, yy, zz = x * x, y * y, z * z
     squared = xx + yy + zz
-    c, d, _, _ = step_integrals(sqrt(squared))
+    c, d, _, _ = compute_step_integrals(sqrt(squared))
     s = 1 - d * squared
     R[0, 0], R[1, 1], R[2, 2] = 1 - c * (yy + zz), 1 - c * (xx + zz), 1 - c * (xx + yy)
     R[0, 1], R[1, 0] = c * x * y + s * z, c * x * y - s * z
@@ -75,7 +75,7 @@ def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, flo
 
 @compile_cached
 def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array) -> tuple[float, float, float]:
-    """R and B = ψF of one step into (3, 3) and (3, p).
+    """Write R and B = ψF of one step into (3, 3) and (3, p).
 
     Returns ω Δt, rad.
 
@@ -100,8 +100,8 @@ def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Arr
 
 
 @compile_cached
-def process_noise(angle: tuple[float, float, float], dt: float, arw: float, walk: float) -> tuple[Array, Array, float]:
-    """Covariance that one step adds: attitude block (3, 3), attitude-bias block (3, 3), variance of each bias."""
+def compute_process_noise(angle: tuple[float, float, float], dt: float, arw: float, walk: float) -> tuple[Array, Array, float]:
+    """Compute the covariance of one step: attitude (3, 3), attitude and bias (3, 3), variance of each bias."""
     px, py, pz = angle
     Q, cross = np.zeros((3, 3)), np.zeros((3, 3))
     for i in range(3):
@@ -109,7 +109,7 @@ def process_noise(angle: tuple[float, float, float], dt: float, arw: float, walk
     if walk == 0.0:
         return Q, cross, 0.0
     squared = px * px + py * py + pz * pz
-    _, d, e, f = step_integrals(sqrt(squared))
+    _, d, e, f = compute_step_integrals(sqrt(squared))
     p = np.array([px, py, pz])
     K = np.array([[0.0, -pz, py], [pz, 0.0, -px], [-py, px, 0.0]])
     w = walk * walk
@@ -124,7 +124,7 @@ def process_noise(angle: tuple[float, float, float], dt: float, arw: float, walk
 
 @compile_cached
 def propagate_covariance(P: Array, R: Array, B: Array, Q: Array, cross: Array, bias_variance: float) -> None:
-    """P ← Φ P Φᵀ + noise in place, P (3 + p, 3 + p); where a bias walks the last three states are the biases."""
+    """Propagate P ← Φ P Φᵀ + noise in place, P (3 + p, 3 + p); with a walking bias the last three states are the biases."""
     n = len(P)
     top = np.empty((3, n))
     for i in range(3):
@@ -151,7 +151,7 @@ def propagate_covariance(P: Array, R: Array, B: Array, Q: Array, cross: Array, b
 
 @compile_cached
 def rotate_attitude(A: Array, R: Array) -> None:
-    """A ← R A in place."""
+    """Rotate A ← R A in place."""
     for j in range(3):
         x, y, z = A[0, j], A[1, j], A[2, j]
         for i in range(3):
@@ -164,27 +164,27 @@ def propagate_step(
 ) -> None:
     """Propagate A (3, 3) and P (3 + p, 3 + p) over one step in place, and set its R and B; the others as in `advance`."""
     angle = compute_transition(x, raw, dt, columns, R, B)
-    Q, cross, bias_variance = process_noise(angle, dt, arw, walk)
+    Q, cross, bias_variance = compute_process_noise(angle, dt, arw, walk)
     propagate_covariance(P, R, B, Q, cross, bias_variance)
     rotate_attitude(A, R)
 
 
 @compile_cached
 def correct_attitude(A: Array, theta: Array) -> Array:
-    """exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
-    R, turned = np.empty((3, 3)), np.empty((3, 3))
+    """Compute exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
+    R, rotated = np.empty((3, 3)), np.empty((3, 3))
     compute_rotation(-theta[0], -theta[1], -theta[2], R)
     for i in range(3):
         for j in range(3):
-            turned[i, j] = R[i, 0] * A[0, j] + R[i, 1] * A[1, j] + R[i, 2] * A[2, j]
+            rotated[i, j] = R[i, 0] * A[0, j] + R[i, 1] * A[1, j] + R[i, 2] * A[2, j]
     for i in range(3):
         for j in range(3):
-            square = turned[0, i] * turned[0, j] + turned[1, i] * turned[1, j] + turned[2, i] * turned[2, j]
+            square = rotated[0, i] * rotated[0, j] + rotated[1, i] * rotated[1, j] + rotated[2, i] * rotated[2, j]
             R[i, j] = 1.5 - 0.5 * square if i == j else -0.5 * square
     out = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            out[i, j] = turned[i, 0] * R[0, j] + turned[i, 1] * R[1, j] + turned[i, 2] * R[2, j]
+            out[i, j] = rotated[i, 0] * R[0, j] + rotated[i, 1] * R[1, j] + rotated[i, 2] * R[2, j]
     return out
 
 
@@ -212,7 +212,7 @@ def advance(
     tags: (samples,) when a sample's rate begins to hold, which it does until the next one's does
     rates: (samples, 3) raw rates, rad/s
     first: sample that holds at `start`
-    others: as in `compute_transition` and `process_noise`
+    others: as in `compute_transition` and `compute_process_noise`
     """
     p = len(columns)
     R, B = np.empty((3, 3)), np.empty((3, p))
@@ -236,7 +236,7 @@ def advance(
 
 @compile_cached
 def compute_kalman_gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, float]:
-    """K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
+    """Compute K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
     PH = np.ascontiguousarray(P[:, :3]) @ H.T
     S = H @ PH[:3] + np.diag(sigma * sigma)
     weight = np.linalg.inv(S)
@@ -245,7 +245,7 @@ def compute_kalman_gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Arr
 
 @compile_cached
 def update_covariance(P: Array, K: Array, H: Array, sigma: Array) -> None:
-    """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
+    """Update P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
     complement = np.eye(len(P))
     complement[:, :3] -= K @ H  # which only meets the attitude
     P[:] = complement @ P @ complement.T + (K * (sigma * sigma)) @ K.T

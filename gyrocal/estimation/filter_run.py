@@ -61,6 +61,15 @@ class Stop(NamedTuple):
     Phi: Array  # (3, n) upper rows of the transition from the stop before
 
 
+class _Measured(NamedTuple):
+    """A measurement that a filter has met."""
+
+    t_s: float
+    series: int
+    row: int
+    innovation: Innovation
+
+
 @dataclass(frozen=True)
 class FilterRun:
     """Estimates of a filter at the requested times, each with the measurements up to and at that time.
@@ -128,25 +137,25 @@ def run(
     if not times.size or times[0] < start_s or (np.diff(times) < 0).any():
         raise InputError("the requested times must ascend and not precede the start")
     k = find_held_sample(gyro, start_s, float(times[-1]), max_gap_s)
-    t, which, row = _order_stops(series, start_s, times)
+    t, series_number, row = _order_stops(series, start_s, times)
     Phi = np.empty((3, len(estimator.P)))
     rates = np.ascontiguousarray(gyro.rates)
     noise = estimator.arw, estimator.rate_random_walk
-    present = start_s
+    now_s = start_s
     requested: list[tuple[Array, ...]] = []
-    measured: list[tuple[float, int, int, Innovation]] = []
+    measured: list[_Measured] = []
     history: list[Stop] = []
     for stop in range(len(t)):
-        k = advance(estimator.A, estimator.P, Phi, estimator.x, estimator.columns, gyro.t_s, rates, k, present, t[stop], *noise)
-        present = float(t[stop])
+        k = advance(estimator.A, estimator.P, Phi, estimator.x, estimator.columns, gyro.t_s, rates, k, now_s, t[stop], *noise)
+        now_s = float(t[stop])
         before = _copy_state(estimator) if keep_history else None
-        if which[stop] < 0:
+        if series_number[stop] < 0:
             requested.append(_copy_state(estimator))
         else:
-            measurements, at = series[which[stop]], int(row[stop])
-            innovation = estimator.update(measurements.model, at, measurements.y[at], measurements.sigma[at])
+            measurements, place = series[series_number[stop]], int(row[stop])
+            innovation = estimator.update(measurements.model, place, measurements.y[place], measurements.sigma[place])
             if innovation is not None:
-                measured.append((present, int(which[stop]), at, innovation))
+                measured.append(_Measured(now_s, int(series_number[stop]), place, innovation))
         if before is not None:
             history.append(Stop(*before, *_copy_state(estimator), Phi.copy()))
     A, x, P = (np.array(values) for values in zip(*requested, strict=True))
@@ -158,12 +167,12 @@ def run(
         names=estimator.names,
         innovations=_gather_innovations(measured),
         history=tuple(history),
-        stops=np.flatnonzero(which < 0),
+        stops=np.flatnonzero(series_number < 0),
     )
 
 
 def find_held_sample(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float | None = None) -> int:
-    """The sample that holds at `start_s`, once it is sure that samples cover the time from there to `stop_s`.
+    """Find the sample that holds at `start_s`, and check that samples cover the time from there to `stop_s`.
 
     An `InputError` if they do not cover it.
     """
@@ -181,35 +190,34 @@ def find_held_sample(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s:
 
 
 def _order_stops(series: Sequence[SensorSeries], start_s: float, times: Array) -> tuple[Array, Indices, Indices]:
-    """Times at which something happens, which series it belongs to (−1 a request), and the row of that; ordered.
+    """Order measurements and requests: their times, s, the series of each (−1 for a request), and its row there.
 
     Measurements without a number to be used are left out.
     """
-    t, which, row = [times], [np.full(len(times), -1)], [np.arange(len(times))]
+    stop_s, series_number, row = [times], [np.full(len(times), -1)], [np.arange(len(times))]
     for number, measurements in enumerate(series):
         rows = np.flatnonzero((measurements.t >= start_s) & (measurements.t <= times[-1]) & measurements.used.any(axis=1))
-        t.append(measurements.t[rows])
-        which.append(np.full(len(rows), number))
+        stop_s.append(measurements.t[rows])
+        series_number.append(np.full(len(rows), number))
         row.append(rows)
-    at, of, rows = np.concatenate(t), np.concatenate(which), np.concatenate(row)
-    order = np.lexsort((of < 0, at))  # a request comes after the measurements of its time
-    return at[order], of[order], rows[order]
+    all_s, all_numbers, all_rows = np.concatenate(stop_s), np.concatenate(series_number), np.concatenate(row)
+    order = np.lexsort((all_numbers < 0, all_s))  # a request comes after the measurements of its time
+    return all_s[order], all_numbers[order], all_rows[order]
 
 
 def _copy_state(estimator: KalmanFilter) -> tuple[Array, Array, Array]:
     return estimator.A.copy(), estimator.x.copy(), estimator.P.copy()
 
 
-def _gather_innovations(measured: Sequence[tuple[float, int, int, Innovation]]) -> Innovations:
-    """Innovations of a run from the time, series and row of each."""
-    innovations = [innovation for *_, innovation in measured]
+def _gather_innovations(measured: Sequence[_Measured]) -> Innovations:
+    """Gather the innovations of a run in arrays."""
     return Innovations(
-        t=np.array([t for t, *_ in measured]),
-        series=np.array([series for _, series, *_ in measured], dtype=np.intp),
-        row=np.array([row for _, _, row, _ in measured], dtype=np.intp),
-        nis=np.array([entry.nis for entry in innovations]),
-        dof=np.array([entry.residual.size for entry in innovations], dtype=np.intp),
-        accepted=np.array([entry.accepted for entry in innovations], dtype=bool),
+        t=np.array([entry.t_s for entry in measured]),
+        series=np.array([entry.series for entry in measured], dtype=np.intp),
+        row=np.array([entry.row for entry in measured], dtype=np.intp),
+        nis=np.array([entry.innovation.nis for entry in measured]),
+        dof=np.array([entry.innovation.residual.size for entry in measured], dtype=np.intp),
+        accepted=np.array([entry.innovation.accepted for entry in measured], dtype=bool),
     )
 
 
@@ -245,33 +253,39 @@ def smooth(run: FilterRun) -> Smoothed:
     InputError
         It did not.
     """
-    past = run.history
-    if not past:
+    history = run.history
+    if not history:
         raise InputError("only a run with keep_history=True can be smoothed")
     n, k = run.covariance.shape[-1], len(run.t)
     columns = [NAMES.index(name) for name in run.names]
     requests = {int(stop): request for request, stop in enumerate(run.stops)}
-    A, x, P = past[-1].A_after, past[-1].x_after.copy(), past[-1].P_after
+    A, x, P = history[-1].A_after, history[-1].x_after.copy(), history[-1].P_after
     out = Smoothed(run.t, np.empty((k, 3, 3)), np.empty((k, 12)), np.zeros((k, n, k, n)))
-    carried: dict[int, Array] = {}  # covariance between the present stop and each later request
-    for stop in range(len(past) - 1, -1, -1):
-        if stop < len(past) - 1:
-            current, later = past[stop], past[stop + 1]
-            Phi = np.vstack([later.Phi, np.eye(n)[3:]])
-            scale = np.sqrt(np.diag(later.P_before))
-            scaled = later.P_before / np.outer(scale, scale)
-            C = np.linalg.solve(scaled, (Phi @ current.P_after) / scale[:, None]).T / scale
+    cross_covariances: dict[int, Array] = {}  # between the present stop and each later request
+    for stop in range(len(history) - 1, -1, -1):
+        if stop < len(history) - 1:
+            current, later = history[stop], history[stop + 1]
+            C = _compute_smoother_gain(current, later)
             state = C @ np.concatenate([attitude.residual(A, later.A_before), (later.x_before - x)[columns]])
             A, x = attitude.rotation_matrix(state[:3]) @ current.A_after, current.x_after.copy()
             x[columns] -= state[3:]
             P = current.P_after + C @ (P - later.P_before) @ C.T
             P = 0.5 * (P + P.T)
-            carried = {request: C @ between for request, between in carried.items()}
+            cross_covariances = {request: C @ covariance for request, covariance in cross_covariances.items()}
         if stop in requests:
             request = requests[stop]
             out.A[request], out.x[request] = A, x
-            carried[request] = P
-            for other, between in carried.items():
-                out.covariance[request, :, other] = between
-                out.covariance[other, :, request] = between.T
+            cross_covariances[request] = P
+            for later_request, covariance in cross_covariances.items():
+                out.covariance[request, :, later_request] = covariance
+                out.covariance[later_request, :, request] = covariance.T
     return out
+
+
+def _compute_smoother_gain(current: Stop, later: Stop) -> Array:
+    """Compute C (n, n) = P Φᵀ (P⁻)⁻¹ from a stop to the next, its states scaled by their sigmas for the inverse."""
+    n = len(later.P_before)
+    Phi = np.vstack([later.Phi, np.eye(n)[3:]])
+    scale = np.sqrt(np.diag(later.P_before))
+    scaled = later.P_before / np.outer(scale, scale)
+    return np.asarray(np.linalg.solve(scaled, (Phi @ current.P_after) / scale[:, None]).T / scale)

@@ -16,12 +16,12 @@ only, and better where sensors also see what happens between. It does worse wher
   often enough. Where there are none until the maneuver's end, errors of a percent in G are degrees of attitude by then,
   and the second-order terms exceed sensor noise. The Davenport scheme goes back over the maneuvers and iterates.
 
-`run_legs` tells the first of these from the data alone. In a right filter the estimate's change over a leg has the
+`run_legs` detects the first of these from the data alone. In a right filter the estimate's change over a leg has the
 covariance by which P shrank,
 
     x_after − x_before ~ N(0, P_before − P_after)
 
-so that χ² of the change, over the combinations of parameters about which the leg has told something, should be its
+so that χ² of the change, over the combinations of parameters that the leg has determined better, should be its
 degrees of freedom. With sensors that do not fit the model it is too large, also in legs between maneuvers.
 """
 
@@ -65,7 +65,7 @@ class Change:
     """Change of the solved-for parameters by one leg."""
 
     name: str  # of the leg
-    # chi2, dof: of the change, over the combinations the leg has told something about
+    # chi2, dof: of the change, over the combinations that the leg has determined better
     chi2: float
     dof: int
 
@@ -91,7 +91,7 @@ class FullFilterResult:
 
 
 def build_starting_covariance(attitude_sigma: float, parameter_covariance: Array) -> Array:
-    """(3 + p, 3 + p) of an attitude with equal 1-sigma about all axes, rad, and of parameters (p, p)."""
+    """Build (3 + p, 3 + p) of an attitude with equal 1-sigma about all axes, rad, and of parameters (p, p)."""
     p = len(parameter_covariance)
     P = np.zeros((3 + p, 3 + p))
     P[:3, :3] = attitude_sigma**2 * np.eye(3)
@@ -130,30 +130,30 @@ def run_legs(
             estimator.restart(leg.A, build_starting_covariance(restart_sigma, estimator.P[3:, 3:]))
         elif number and leg.start_s != legs[number - 1].stop_s:
             raise InputError(f"leg {leg.name} starts at {leg.start_s} s without an attitude and does not go on")
-        before, P_before = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
-        fresh = [part for measurements in series if (part := _mask_until(measurements, used_until)) is not None]
-        runs.append(run(estimator, gyro, fresh, leg.start_s, np.array([leg.stop_s])))
+        x_before, P_before = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
+        unused_series = [part for measurements in series if (part := _mask_until(measurements, used_until)) is not None]
+        runs.append(run(estimator, gyro, unused_series, leg.start_s, np.array([leg.stop_s])))
         used_until = leg.stop_s
-        change = estimator.x[estimator.columns] - before
+        change = estimator.x[estimator.columns] - x_before
         changes.append(Change(leg.name, *compute_change_chi2(change, P_before, estimator.P[3:, 3:])))
     return FullFilterResult(estimator.parameters, estimator.P[3:, 3:].copy(), estimator.names, tuple(changes), tuple(runs))
 
 
 def compute_change_chi2(change: Array, P_before: Array, P_after: Array) -> tuple[float, int]:
-    """χ² of an estimate's change (p,) while its covariance went from P_before to P_after (p, p), and the degrees of freedom.
+    """Compute χ² and its degrees of freedom of a change (p,) while P_before became P_after (p, p).
 
     In the combinations that diagonalise both, those whose variance shrank by less than the share `LEARNT` are left out.
     """
     scale = np.sqrt(np.diag(P_before))
     L = np.linalg.cholesky(P_before / np.outer(scale, scale))
     white = np.linalg.solve(L, np.eye(len(L)))
-    shrunk, basis = np.linalg.eigh(np.eye(len(L)) - white @ (P_after / np.outer(scale, scale)) @ white.T)
-    along = basis.T @ white @ (change / scale)
-    is_learnt = shrunk > LEARNT
-    return float(np.sum(along[is_learnt] ** 2 / shrunk[is_learnt])), int(is_learnt.sum())
+    lost_variance, basis = np.linalg.eigh(np.eye(len(L)) - white @ (P_after / np.outer(scale, scale)) @ white.T)
+    components = basis.T @ white @ (change / scale)
+    is_learnt = lost_variance > LEARNT  # a share of the variance of each component
+    return float(np.sum(components[is_learnt] ** 2 / lost_variance[is_learnt])), int(is_learnt.sum())
 
 
 def _mask_until(series: SensorSeries, time: float) -> SensorSeries | None:
-    """The series with everything up to a time masked; None if nothing is left."""
+    """Mask everything in a series up to a time; None if nothing remains."""
     sigma = np.where((series.t > time)[:, None], series.sigma, np.inf)
     return replace(series, sigma=sigma) if np.isfinite(sigma).any() else None

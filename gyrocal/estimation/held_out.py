@@ -12,7 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class HeldOutTurns:
     references: float  # error that the stated sigmas of the two references make
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values, in degrees."""
+        """Convert to plain values, in degrees."""
         errors = {f"{name}_deg": float(np.rad2deg(getattr(self, name))) for name in (*PARAMETER_SETS, "references")}
         return {"turn_s": self.length_s, "count": self.count} | errors
 
@@ -58,7 +58,7 @@ def predict_held_out_turns(
 ) -> tuple[HeldOutTurns, ...]:
     """Predict turns of given lengths, each by a calibration that has not used it.
 
-    Returns one for each length of which there are enough turns; none where too little is left to hold out.
+    Returns one for each length with enough turns; none if too little remains to calibrate by.
 
     recording: gyro stream and reference attitudes
     lengths_s: of the turns, s; where no references are so far apart, the usual time between two of them
@@ -66,27 +66,27 @@ def predict_held_out_turns(
     """
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
-    whole = _select_pieces(recording, pieces)
+    all_pieces = _select_pieces(recording, pieces)
     turns: dict[float, list[Array]] = {length: [] for length in (*lengths_s, USUAL_TURN)}
     for block in blocks if len(blocks) > 1 else []:
-        others = [piece for k, piece in enumerate(pieces) if k not in block]
+        other_pieces = [piece for k, piece in enumerate(pieces) if k not in block]
         try:
-            sets = _calibrate_without(_select_pieces(recording, others), options)
-            paths = [_propagate(whole, parameters, options) for parameters in sets]
-        except (GyrocalError, np.linalg.LinAlgError):  # what is left determines nothing
+            parameter_sets = _estimate_parameter_sets(_select_pieces(recording, other_pieces), options)
+            paths = [_propagate(all_pieces, parameters, options) for parameters in parameter_sets]
+        except (GyrocalError, np.linalg.LinAlgError):  # the remaining blocks do not determine the parameters
             continue
-        used = _find_rows(whole, others)
+        used = _find_rows(all_pieces, other_pieces)
         for k in block:
             for length, errors in turns.items():
-                errors.append(_compare_turns(whole, _find_rows(whole, [pieces[k]]), used, paths, length))
-    together = {length: np.concatenate(errors) for length, errors in turns.items() if errors}
-    enough = {length: errors for length, errors in together.items() if len(errors) >= FEWEST_TURNS}
-    chosen = [length for length in lengths_s if length in enough] or list(enough)
-    return tuple(_summarise(enough[length], length) for length in chosen)
+                errors.append(_compare_turns(all_pieces, _find_rows(all_pieces, [pieces[k]]), used, paths, length))
+    joined = {length: np.concatenate(errors) for length, errors in turns.items() if errors}
+    sufficient = {length: errors for length, errors in joined.items() if len(errors) >= FEWEST_TURNS}
+    chosen = [length for length in lengths_s if length in sufficient] or list(sufficient)
+    return tuple(_summarise(sufficient[length], length) for length in chosen)
 
 
 def _cut_intervals(recording: Recording) -> list[Interval]:
-    """The intervals, or pieces of them where they are fewer than the blocks; no two pieces share a reference."""
+    """Cut the intervals into pieces if they are fewer than the blocks; no two pieces share a reference."""
     parts = -(-HELD_OUT_BLOCKS // len(recording.intervals))
     t_s = recording.attitudes.t_s
     out = []
@@ -104,73 +104,81 @@ def _find_rows(recording: Recording, pieces: Sequence[Interval]) -> Indices:
 
 
 def _select_pieces(recording: Recording, pieces: Sequence[Interval]) -> Recording:
-    """The recording with these intervals and their references alone."""
-    kept = recording.attitudes.select_rows(_find_rows(recording, pieces))
-    return replace(recording, attitudes=kept, intervals=tuple(pieces), tables={}, sensors=None)
+    """Select the recording with these intervals and their references alone."""
+    references = recording.attitudes.select_rows(_find_rows(recording, pieces))
+    return replace(recording, attitudes=references, intervals=tuple(pieces), tables={}, sensors=None)
 
 
-def _calibrate_without(others: Recording, options: dict[str, Any]) -> tuple[GyroParameters, ...]:
-    """Parameters by the other blocks, by these with the bias alone, and as stated."""
+def _estimate_parameter_sets(training: Recording, options: dict[str, Any]) -> tuple[GyroParameters, ...]:
+    """Estimate parameters by the other blocks, by these with the bias alone, and take the stated ones."""
     bias_alone = options | {"solve_for": "bias", "parametrisation": "gain", "apriori_covariance": None}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the calibration of the whole recording has them too
-        calibrated = [calibrate(others, **option_set).parameters for option_set in (options, bias_alone)]
-    return (*calibrated, GyroParameters(others.gyro.apriori_G, others.gyro.apriori_bias))
+        calibrated = [calibrate(training, **option_set).parameters for option_set in (options, bias_alone)]
+    return (*calibrated, GyroParameters(training.gyro.apriori_G, training.gyro.apriori_bias))
 
 
-def _propagate(recording: Recording, parameters: GyroParameters, options: dict[str, Any]) -> tuple[Indices, Indices, Array]:
-    """Rows from which and to which each reference is propagated by gyro, and the attitudes there, (m, 3, 3)."""
+class _GyroPath(NamedTuple):
+    """Attitudes propagated by gyro from one reference to others."""
+
+    start: Indices  # (m,) row of the reference that each starts from
+    row: Indices  # (m,) row of the reference at its time
+    A: Array  # (m, 3, 3)
+
+
+def _propagate(recording: Recording, parameters: GyroParameters, options: dict[str, Any]) -> _GyroPath:
+    """Propagate the attitude from the first reference of each interval to the others."""
     sampling = {name: options[name] for name in ("step_s", "resampling", "max_gap_s") if name in options}
     prepared = prepare_measurements(recording, **sampling)
     theta = Problem.build(recording, prepared).state(parameters).theta
     observed = attitude.matrix_from_quaternion(recording.attitudes.quaternions[prepared.row])
-    return prepared.start, prepared.row, attitude.rotation_matrix(-theta) @ observed
+    return _GyroPath(prepared.start, prepared.row, attitude.rotation_matrix(-theta) @ observed)
 
 
 def _compare_turns(
     recording: Recording,
     rows: Indices,
     used: Indices,
-    paths: Sequence[tuple[Indices, Indices, Array]],
+    paths: Sequence[_GyroPath],
     length_s: float,
 ) -> Array:
-    """Turns of a length in the piece of these rows, of references that are not used.
+    """Compare turns of a length between references that are not used, in the piece of these rows, with their prediction.
 
     Returns (n, 5) of each turn its length, s, the errors with each of the `PARAMETER_SETS` and the sigma of the references'
     own, rad.
     """
     attitudes = recording.attitudes
     t_s = attitudes.t_s[rows]
-    wanted = float(np.median(np.diff(t_s))) if length_s == USUAL_TURN and rows.size > 1 else length_s
-    after = np.minimum(np.searchsorted(t_s, t_s + wanted), rows.size - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(t_s + wanted - t_s[before] < t_s[after] - t_s - wanted, before, after)
-    near = (nearest > np.arange(rows.size)) & (np.abs(t_s[nearest] - t_s - wanted) <= HORIZON_TOLERANCE * wanted)
-    near &= ~np.isin(rows, used) & ~np.isin(rows[nearest], used)
-    first, second = np.flatnonzero(near), nearest[near]
+    turn_s = float(np.median(np.diff(t_s))) if length_s == USUAL_TURN and rows.size > 1 else length_s
+    next_row = np.minimum(np.searchsorted(t_s, t_s + turn_s), rows.size - 1)
+    previous_row = np.maximum(next_row - 1, 0)
+    nearest = np.where(t_s + turn_s - t_s[previous_row] < t_s[next_row] - t_s - turn_s, previous_row, next_row)
+    is_compared = (nearest > np.arange(rows.size)) & (np.abs(t_s[nearest] - t_s - turn_s) <= HORIZON_TOLERANCE * turn_s)
+    is_compared &= ~np.isin(rows, used) & ~np.isin(rows[nearest], used)
+    first, second = np.flatnonzero(is_compared), nearest[is_compared]
     A = attitude.matrix_from_quaternion(attitudes.quaternions[rows])
     errors = []
-    for start, row, propagated in paths:
-        is_inside = start == rows[0]
-        P = A.copy()
-        P[np.searchsorted(rows, row[is_inside])] = propagated[is_inside]
-        predicted = P[second] @ P[first].transpose(0, 2, 1) @ A[first]
+    for path in paths:
+        in_piece = path.start == rows[0]
+        A_gyro = A.copy()
+        A_gyro[np.searchsorted(rows, path.row[in_piece])] = path.A[in_piece]
+        predicted = A_gyro[second] @ A_gyro[first].transpose(0, 2, 1) @ A[first]
         errors.append(np.linalg.norm(attitude.residual(A[second], predicted), axis=1))
     variance = np.square(attitudes.sigma[rows]).sum(axis=1)
     return np.stack([t_s[second] - t_s[first], *errors, np.sqrt(variance[first] + variance[second])], axis=1)
 
 
 def _summarise(turns: Array, length_s: float) -> HeldOutTurns:
-    """Root mean squares of turns (n, 5)."""
+    """Summarise turns (n, 5) by root mean squares."""
     usual = float(np.median(turns[:, 0])) if length_s == USUAL_TURN else length_s
     return HeldOutTurns(usual, len(turns), *np.sqrt(np.mean(np.square(turns[:, 1:5]), axis=0)).tolist())
 
 
 def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
-    """Say in one line how well held-out turns are predicted, beside the two other sets of parameters."""
+    """Describe in one line how well held-out turns are predicted, beside the two other sets of parameters."""
     if not turns:
         return "Held-out prediction: none; it needs references in at least two blocks that share none."
-    last = turns[-1]
+    last_turns = turns[-1]
     lengths = ", ".join(f"{turn.length_s:.3g}" for turn in turns)
     errors = {
         name: ", ".join(f"{np.rad2deg(getattr(item, name)):.2g}" for item in turns) for name in (*PARAMETER_SETS, "references")
@@ -178,8 +186,8 @@ def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
     return (
         f"Held-out prediction: turns of {lengths} s to {errors['calibrated']} deg RMS; by the bias alone "
         f"{errors['bias_alone']}, by the gyro as stated {errors['stated']}; references' noise {errors['references']}. "
-        f"The calibration is {_rank(last.calibrated, last.bias_alone)} the bias alone "
-        f"and {_rank(last.calibrated, last.stated)} the gyro as stated."
+        f"The calibration is {_rank(last_turns.calibrated, last_turns.bias_alone)} the bias alone "
+        f"and {_rank(last_turns.calibrated, last_turns.stated)} the gyro as stated."
     )
 
 

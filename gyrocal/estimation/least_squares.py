@@ -59,7 +59,7 @@ class Rows:
         return float(self.z @ self.z)
 
     def build_sums_at_nodes(self, count: int) -> csr_array:
-        """(3 count, r) Jᵀ of the attitude columns: times (r, k), it sums the rows of each node."""
+        """Build Jᵀ (3 count, r) of the attitude columns: times (r, k), it sums the rows of each node."""
         places = (3 * self.node[:, None] + np.arange(3)).ravel(), np.repeat(np.arange(len(self.node)), 3)
         return csr_array((self.attitude.ravel(), places), shape=(3 * count, len(self.node)))
 
@@ -73,7 +73,7 @@ class Influence:
 
 
 def map_corrections(nodes: Indices, bias_maps: Array, p: int) -> Array:
-    """(p + 3k, p) what δ contributes to δ and to γ_n − S_n δb at the nodes."""
+    """Map δ (p,) to δ and to γ_n − S_n δb at the nodes; (p + 3k, p)."""
     maps = np.zeros((3 * len(nodes), p))
     maps[:, :3] = -bias_maps.reshape(-1, 3)
     return np.vstack([np.eye(p), maps])
@@ -98,7 +98,7 @@ class PlainLeastSquares:
         return np.asarray(self._scale[:, None] * scipy.linalg.solve_triangular(self._R, self._Q.T))
 
     def step(self) -> tuple[Array, Array, float]:
-        """Corrections γ (N, 3) and δ (p,), and their length in sigmas."""
+        """Solve for corrections γ (N, 3) and δ (p,), and their length in sigmas."""
         projected = self._Q.T @ self._rows.z
         solution = self._scale * scipy.linalg.solve_triangular(self._R, projected)
         return np.tile(solution[:3], (self._count, 1)), solution[3:], float(np.linalg.norm(projected))
@@ -121,7 +121,7 @@ class PlainLeastSquares:
 
 
 def accumulate_by_increment(rows: Rows, errors: Array, count: int) -> Array:
-    """Errors (J, r) per unit of the rows' residuals as errors (N − 1, J, 3) per increment: one enters all later nodes."""
+    """Convert errors (J, r) per unit residual to errors (N − 1, J, 3) per increment, which enters all later nodes."""
     at_node = (rows.build_sums_at_nodes(count) @ errors.T).reshape(count, 3, -1).transpose(0, 2, 1)
     return np.asarray(np.cumsum(at_node[:0:-1], axis=0)[::-1])
 
@@ -157,12 +157,12 @@ class ExactLeastSquares:
         return np.asarray(scipy.linalg.cho_solve_banded((self._factor, True), right))
 
     def _solve(self, right_nodes: Array, right_parameters: Array) -> tuple[Array, Array]:
-        """Λ⁻¹ of (3N, J) and (p, J) right-hand sides; scaled parameters."""
+        """Solve Λ⁻¹ of (3N, J) and (p, J) right-hand sides; scaled parameters."""
         parameters = scipy.linalg.cho_solve(self._schur, right_parameters - self._solved_border.T @ right_nodes)
         return self._solve_banded(right_nodes) - self._solved_border @ parameters, parameters
 
     def step(self) -> tuple[Array, Array, float]:
-        """See `PlainLeastSquares`."""
+        """Solve as `PlainLeastSquares.step` does."""
         rows, count = self._rows, len(self._q) + 1
         right = (self._sums @ rows.z).reshape(count, 3)
         pull = -self._d / self._q[:, None] ** 2
@@ -174,7 +174,7 @@ class ExactLeastSquares:
         return nodes.reshape(count, 3), self._scale * parameters[:, 0], float(np.sqrt(max(square, 0.0)))
 
     def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """See `PlainLeastSquares`."""
+        """Compute as `PlainLeastSquares.compute_influence` does."""
         rows, count, p = self._rows, len(self._q) + 1, len(self._scale)
         J = p + 3 * len(nodes)
         right_nodes = np.zeros((3 * count, J))
@@ -189,7 +189,7 @@ class ExactLeastSquares:
         return Influence(errors, np.asarray(walk.transpose(0, 2, 1)))
 
     def project(self, columns: Array) -> Array:
-        """(k, k) products of columns (r, k) of the rows with the attitude at all nodes and the parameters projected out."""
+        """Compute products (k, k) of columns (r, k) of the rows, the attitude at all nodes and the parameters projected out."""
         by_node, by_parameter = self._sums @ columns, (self._rows.parameters * self._scale).T @ columns
         nodes, parameters = self._solve(by_node, by_parameter)
         out = columns.T @ columns - by_node.T @ nodes - by_parameter.T @ parameters

@@ -19,11 +19,11 @@ carried, the covariance of ρ and its cross-covariance X with the filter's state
     P_ρ ← R̄_k P_ρ R̄_kᵀ + q I,    X ← R̄_k X Φ_kᵀ + (q I, 0),    X ← X (I − K H)ᵀ,    q = ARW² Δt
     C = P_ρ + P_e − X_e − X_eᵀ
 
-at the start P_ρ = X_e = P_e. Without a measurement during a maneuver X_e keeps pace, θ holds nothing but what is known
-already, and C says so. Taking start, end and gyro noise for independent, C = P_e + R̄ P_e0 R̄ᵀ + ARW² T I, counts the noise of
+at the start P_ρ = X_e = P_e. Without a measurement during a maneuver X_e keeps pace, θ holds no new information, and C is
+small accordingly. Taking start, end and gyro noise for independent, C = P_e + R̄ P_e0 R̄ᵀ + ARW² T I, counts the noise of
 the filter's last time constant twice.
 
-**Θ.** A filter with a wrong G is also wrong in a way that depends on what is sought. With S the sensitivity of its state to
+**Θ.** The errors of a filter with a wrong G depend on the errors of the parameters. With S the sensitivity of its state to
 the errors of the parameters that it holds, S ← Φ_k S + (ψF; 0) and S ← (I − K H) S,
 
     θ = (Θ + R̄ S_0 − S) Δx + ρ − e                                                     attitude rows of S
@@ -48,6 +48,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,6 +64,8 @@ from gyrocal.estimation.mekf import Innovation, KalmanFilter
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
+
+MEASUREMENT, OPENING, END, START = range(4)  # kinds of events in a replay, in their order at one time
 
 
 @dataclass(frozen=True)
@@ -158,9 +161,9 @@ class OnBoardCalibrator:
             K, H = innovation.K, innovation.H
             self._S_x -= K[3:] @ (H @ self._S_e)
             self._S_e -= K[:3] @ (H @ self._S_e)
-            seen = self._X_e @ H.T
-            self._X_e -= seen @ K[:3].T
-            self._X_x -= seen @ K[3:].T
+            X_H = self._X_e @ H.T
+            self._X_e -= X_H @ K[:3].T
+            self._X_x -= X_H @ K[3:].T
         return innovation
 
     def start(self) -> None:
@@ -199,7 +202,7 @@ class OnBoardCalibrator:
         return Maneuver(self._A_start, A_end, self._P_start, P_end, R, self._elapsed_s, theta, Theta, C)
 
     def solve(self) -> tuple[GyroParameters, Array]:
-        """Corrected parameters and their covariance (p, p), N (33)."""
+        """Solve N (33) for the corrected parameters and their covariance (p, p)."""
         correction, P = self._sums.solve()
         x = self.apriori.vector
         x[self._columns] -= correction
@@ -214,7 +217,7 @@ def replay(
     maneuvers: Sequence[tuple[float, float]],
     openings: Mapping[float, Array] | None = None,
 ) -> tuple[Maneuver, ...]:
-    """Feed a recorded stream to the on-board form, one thing after the other as they would come.
+    """Feed a recorded stream to the on-board form in the order of time.
 
     Parameters
     ----------
@@ -234,36 +237,52 @@ def replay(
     if not len(bounds) or bounds[0] < start_s or (np.diff(bounds) < 0).any() or (np.diff(bounds)[::2] == 0).any():
         raise InputError("maneuvers must begin after the start, last, and follow one another")
     k = find_held_sample(gyro, start_s, float(bounds[-1]))
-    # At one time: measurements, then openings, then the end of a maneuver, then the start of the next.
-    events: list[tuple[float, int, int, int]] = []
-    for number, measurements in enumerate(series):
-        rows = np.flatnonzero((measurements.t >= start_s) & (measurements.t <= bounds[-1]) & measurements.used.any(axis=1))
-        events += [(float(measurements.t[row]), 0, number, int(row)) for row in rows]
-    events += [(time, 1, 0, 0) for time in (openings or {})]
-    events += [(float(time), 3 - n % 2, 0, 0) for n, time in enumerate(bounds)]
     finished: list[Maneuver] = []
-    present = start_s
-    for time, kind, number, row in sorted(events):
-        while present < time:
-            while k + 1 < len(gyro.t_s) and gyro.t_s[k + 1] <= present:
+    now_s = start_s
+    for event in _list_events(series, start_s, bounds, openings or {}):
+        while now_s < event.t_s:
+            while k + 1 < len(gyro.t_s) and gyro.t_s[k + 1] <= now_s:
                 k += 1
-            until = min(time, float(gyro.t_s[k + 1])) if k + 1 < len(gyro.t_s) else time
-            onboard.sample(gyro.rates[k], until - present)
-            present = until
-        if kind == 0:
-            onboard.measurement(series[number].model, row, series[number].y[row], series[number].sigma[row])
-        elif kind == 1 and openings:
-            onboard.open(openings[time])
-        elif kind == 2:
+            until = min(event.t_s, float(gyro.t_s[k + 1])) if k + 1 < len(gyro.t_s) else event.t_s
+            onboard.sample(gyro.rates[k], until - now_s)
+            now_s = until
+        if event.kind == MEASUREMENT:
+            measurements, row = series[event.series], event.row
+            onboard.measurement(measurements.model, row, measurements.y[row], measurements.sigma[row])
+        elif event.kind == OPENING and openings:
+            onboard.open(openings[event.t_s])
+        elif event.kind == END:
             finished.append(onboard.finish())
-        elif kind == 3:
+        elif event.kind == START:
             onboard.start()
     return tuple(finished)
 
 
+class _Event(NamedTuple):
+    """An event of a replay; those of one time come in the order of their kinds."""
+
+    t_s: float
+    kind: int  # MEASUREMENT, OPENING, END or START
+    series: int = 0  # number of the series of a measurement, and its row
+    row: int = 0
+
+
+def _list_events(
+    series: Sequence[SensorSeries], start_s: float, bounds: Array, openings: Mapping[float, Array]
+) -> list[_Event]:
+    """List measurements, openings, and starts and ends of maneuvers (2 n,), s, in the order of time."""
+    events: list[_Event] = []
+    for number, measurements in enumerate(series):
+        rows = np.flatnonzero((measurements.t >= start_s) & (measurements.t <= bounds[-1]) & measurements.used.any(axis=1))
+        events += [_Event(float(measurements.t[row]), MEASUREMENT, number, int(row)) for row in rows]
+    events += [_Event(time, OPENING) for time in openings]
+    events += [_Event(float(time), END if n % 2 else START) for n, time in enumerate(bounds)]
+    return sorted(events)
+
+
 @compile_cached
 def _propagate_sensitivity(x: Array, raw: Array, dt: float, held: Indices, R: Array, B: Array, S_e: Array, S_x: Array) -> None:
-    """S ← Φ S + (ψF; 0) in place, of the parameters that the filter holds."""
+    """Propagate S ← Φ S + (ψF; 0) in place, of the parameters that the filter holds."""
     B_held = np.empty((3, len(held)))
     compute_transition(x, raw, dt, held, np.empty((3, 3)), B_held)
     S_e[:] = R @ S_e + B @ S_x + B_held
@@ -284,7 +303,7 @@ def _propagate_maneuver(
     B_filter: Array,
     q: float,
 ) -> None:
-    """R̄, Θ, P_ρ and X over one sample, in place."""
+    """Propagate R̄, Θ, P_ρ and X over one sample, in place."""
     step, B = np.empty((3, 3)), np.empty((3, len(columns)))
     compute_transition(x, raw, dt, columns, step, B)
     rotate_attitude(R, step)

@@ -14,8 +14,8 @@ a the error of the anchor, w the gyro's integrated white noise in the axes of t�
 by conditioning. That is the best linear estimate; it counts no reference twice, and knows that the attitude at the last
 reference and the parameters correlate. Δx is applied and all is done again, since Θ is linearised.
 
-What is known of a and Δx beforehand is up to a million times wider than what is known in the end, and a difference of the two
-would be rounding. So V holds noise alone, V = L Lᵀ, and S u with u ~ N(0, I) are a and Δx, which F takes to c:
+The prior of a and Δx is up to a million times wider than their posterior, and a difference of the two would be rounding. So V
+holds noise alone, V = L Lᵀ, and S u with u ~ N(0, I) are a and Δx, which F takes to c:
 
     [L⁻¹ F S; I] = Q U,    S u ~ N(S U⁻¹ Qᵀ [L⁻¹ z; 0], T Tᵀ),    T = S U⁻¹
 
@@ -27,7 +27,7 @@ whose time and memory are linear in the number of references. With ŵ linear in 
 With a calibration that has a remainder the walk and the errors of the references have its processes too, see
 `gyrocal.estimation.remainder_noise`.
 
-P₀ is what is known of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
+P₀ is the covariance of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
 makes them; they do no harm to the prediction for as long as the motion goes on in the same way.
 """
 
@@ -53,13 +53,13 @@ from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording import Attitudes, Recording
 
-ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
+ANCHOR = 1e3  # sigmas of a reference: a-priori sigma of the anchor, before the reference itself is used
 CALIBRATION_ITERATIONS = 3
 CORRELATED_STEPS = 60  # of a stretch with rate errors that correlate: their turn is taken as constant over a step
 LARGEST_PREDICTION_BYTES = 4_000_000_000
 SAME_TIME_S = 1e-6
 GAP_SAMPLES = 1.5  # samples
-LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
+LARGEST_SIGMA = 1e6  # of a prior; a larger one is a mistake, and its square may be no number
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def prior_covariance(
     sigma_scale: float = 0.0,
     G: Array | None = None,
 ) -> Array:
-    """(12, 12) P₀: elements of G and b by themselves, a common rotation of all gyros, and a common scale factor.
+    """Build P₀ (12, 12): elements of G and b by themselves, a common rotation of all gyros, and a common scale factor.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def predict(
     apriori_covariance: Array | None = None,
     noise: RemainderNoise | None = None,
 ) -> Prediction:
-    """Carry the attitude on from a time by gyro alone.
+    """Predict the attitude from a time on by gyro alone.
 
     Parameters
     ----------
@@ -158,32 +158,32 @@ def predict(
         There are no references before from_s, or no gyro samples after it.
     """
     gyro = recording.gyro
-    begun = [candidate for candidate in recording.intervals if candidate.start_s < from_s]
-    if not begun:
+    earlier_intervals = [candidate for candidate in recording.intervals if candidate.start_s < from_s]
+    if not earlier_intervals:
         raise InputError(f"no interval begins before {from_s:g} s; the first starts at {recording.intervals[0].start_s:g} s")
-    interval = max(begun, key=lambda candidate: candidate.start_s)
-    stop = gyro.t_s[-1] + gyro.sample_s
+    interval = max(earlier_intervals, key=lambda candidate: candidate.start_s)
+    end_s = gyro.t_s[-1] + gyro.sample_s
     if times is None:
         last = _find_last_sample(recording, from_s)
         times = np.append(gyro.t_s[: last + 1], gyro.t_s[last] + gyro.sample_s)
         times = times[times > from_s]
     times = np.asarray(times, dtype=float)
-    if times.size == 0 or times[-1] > stop + SAME_TIME_S:
-        raise InputError(f"the gyro ends at {stop:g} s, and nothing can be predicted beyond it")
+    if times.size == 0 or times[-1] > end_s + SAME_TIME_S:
+        raise InputError(f"the gyro ends at {end_s:g} s, and nothing can be predicted beyond it")
     t_ref = recording.attitudes.t_s
     used = (t_ref >= interval.start_s - SAME_TIME_S) & (t_ref <= from_s)
     return condition_on_references(recording, used, times, apriori_covariance, noise)
 
 
 def _find_last_sample(recording: Recording, from_s: float) -> int:
-    """The last sample of the gyro before its first gap after a time."""
+    """Find the last sample of the gyro before its first gap after a time."""
     gyro = recording.gyro
     gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP_SAMPLES * gyro.sample_s) & (gyro.t_s[1:] > from_s))
     return int(gaps[0]) if gaps.size else gyro.t_s.size - 1
 
 
 def list_step_times(recording: Recording, from_s: float, step_s: float) -> Array:
-    """(k,) times of equal steps from a time, s, to the gyro's first gap after it."""
+    """List times (k,) of equal steps from a time, s, to the gyro's first gap after it."""
     gyro = recording.gyro
     stop = gyro.t_s[_find_last_sample(recording, from_s)] + gyro.sample_s
     return np.asarray(from_s + step_s * np.arange(1, max(int((stop - from_s) / step_s + SAME_TIME_S), 0) + 1), dtype=np.float64)
@@ -193,13 +193,13 @@ def list_step_times(recording: Recording, from_s: float, step_s: float) -> Array
 class _Problem:
     """References, gyro and prior of one stretch."""
 
-    seen: Attitudes  # the n references used
+    references: Attitudes  # the n that are used
     times: Array  # (k,) of the outputs, s
     path: GyroArc  # from the start through the references and outputs
     anchor: Array  # (3, 3) attitude at the start
-    # lasting, later: columns of the references' lasting errors, at the references and at the outputs
-    lasting: Array
-    later: Array
+    # reference_columns, output_columns: (n, 3, q), (k, 3, q) lasting errors of references, at these and at the outputs
+    reference_columns: Array
+    output_columns: Array
     arw: float  # angle random walk, rad/√s
     noise: RemainderNoise  # remainder of a calibration
     x0: Array  # (12,) parameters known beforehand
@@ -228,7 +228,7 @@ def condition_on_references(
     apriori_covariance: Array | None = None,
     noise: RemainderNoise | None = None,
 ) -> Prediction:
-    """Attitudes at any times of one gap-free stretch, from the references that are to be used.
+    """Estimate attitudes at any times of one gap-free stretch, from the references that are to be used.
 
     An `InputError` if no reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
 
@@ -238,7 +238,7 @@ def condition_on_references(
     noise: remainder of a calibration, beside the stated noise
     """
     remainder = RemainderNoise() if noise is None else noise
-    problem = _pose_problem(recording, np.flatnonzero(used), times, apriori_covariance, remainder)
+    problem = _build_problem(recording, np.flatnonzero(used), times, apriori_covariance, remainder)
     x = problem.x0
     for _ in range(CALIBRATION_ITERATIONS):
         solution = _solve_linearised(problem, x)
@@ -246,33 +246,34 @@ def condition_on_references(
     return _build_prediction(problem, solution, x)
 
 
-def _pose_problem(
+def _build_problem(
     recording: Recording, rows: NDArray[np.intp], times: Array, apriori_covariance: Array | None, noise: RemainderNoise
 ) -> _Problem:
-    """Collect what the conditioning needs of a stretch, see `condition_on_references`."""
-    references, gyro = recording.attitudes, recording.gyro
-    anchor = _find_anchor(references, rows, times)
-    seen = references.select_rows(rows)
+    """Collect the arrays that the conditioning of a stretch needs, see `condition_on_references`."""
+    attitudes, gyro = recording.attitudes, recording.gyro
+    anchor = _find_anchor(attitudes, rows, times)
+    references = attitudes.select_rows(rows)
     if apriori_covariance is None:
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
-    start_s = float(references.t_s[anchor])
-    at = np.maximum(np.union1d(times, seen.t_s), start_s)
+    start_s = float(attitudes.t_s[anchor])
+    node_times = np.maximum(np.union1d(times, references.t_s), start_s)
     if any(process.kind == "rate" for process in noise.processes):  # which correlate, and turn evenly over a short step only
-        at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
-    _check_memory(at.size, noise)
-    path = build_gyro_arc(gyro, np.append(start_s, at), gyro.apriori_G, name="prediction")
-    lasting, later = (
-        noise.build_reference_columns(interpolate_rates(gyro, gyro.apriori_G, gyro.apriori_bias, t)) for t in (seen.t_s, times)
+        node_times = np.union1d(node_times, np.linspace(start_s, node_times[-1], CORRELATED_STEPS + 1))
+    _check_memory(node_times.size, noise)
+    path = build_gyro_arc(gyro, np.append(start_s, node_times), gyro.apriori_G, name="prediction")
+    reference_columns, output_columns = (
+        noise.build_reference_columns(interpolate_rates(gyro, gyro.apriori_G, gyro.apriori_bias, t))
+        for t in (references.t_s, times)
     )
-    anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
+    anchor_sigma = ANCHOR * float(attitudes.sigma[anchor].max())
     return _Problem(
-        seen=seen,
+        references=references,
         times=times,
         path=path,
-        anchor=attitude.matrix_from_quaternion(references.quaternions[anchor]),
-        lasting=lasting,
-        later=later,
+        anchor=attitude.matrix_from_quaternion(attitudes.quaternions[anchor]),
+        reference_columns=reference_columns,
+        output_columns=output_columns,
         arw=gyro.arw * float(np.sqrt(noise.factor)),
         noise=noise,
         x0=np.concatenate([gyro.apriori_G.ravel(), gyro.apriori_bias]),
@@ -294,54 +295,56 @@ def _find_anchor(references: Attitudes, rows: NDArray[np.intp], times: Array) ->
 
 def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
     """Solve [L⁻¹ F S; I] = Q U with Θ taken at parameters x (12,)."""
-    path, seen = problem.path, problem.seen
-    place, wanted, steps_s = path.node(seen.t_s), path.node(problem.times), np.diff(path.t)
-    run = propagate(path.arcs, x[:9].reshape(3, 3), x[9:])
-    R = np.concatenate([np.eye(3)[None], run.R])
+    path, references = problem.path, problem.references
+    nodes, outputs, steps_s = path.find_nodes(references.t_s), path.find_nodes(problem.times), np.diff(path.t)
+    propagation = propagate(path.arcs, x[:9].reshape(3, 3), x[9:])
+    R = np.concatenate([np.eye(3)[None], propagation.R])
     F = np.zeros((len(R), 3, 3 + x.size))
-    F[:, :, :3], F[1:, :, 3:] = R, run.Theta
-    F_seen = F[place]
-    theta = attitude.residual(attitude.matrix_from_quaternion(seen.quaternions), R[place] @ problem.anchor)
+    F[:, :, :3], F[1:, :, 3:] = R, propagation.Theta
+    F_references = F[nodes]
+    theta = attitude.residual(attitude.matrix_from_quaternion(references.quaternions), R[nodes] @ problem.anchor)
     # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-    z = theta - F_seen[:, :, 3:] @ (x - problem.x0)
-    moves = compute_turns(run.R, run.Theta, np.zeros(steps_s.size, dtype=np.intp))
-    errors = ErrorStates.build(moves, steps_s, problem.arw, problem.noise.processes)
-    H = np.concatenate([R[place], problem.lasting], axis=2)
-    stated = problem.noise.factor * seen.compute_covariance()
-    white, states, spread = errors.smooth(place, H, stated, np.concatenate([F_seen @ problem.S, z[:, :, None]], axis=2))
+    z = theta - F_references[:, :, 3:] @ (x - problem.x0)
+    turns = compute_turns(propagation.R, propagation.Theta, np.zeros(steps_s.size, dtype=np.intp))
+    errors = ErrorStates.build(turns, steps_s, problem.arw, problem.noise.processes)
+    H = np.concatenate([R[nodes], problem.reference_columns], axis=2)
+    stated_noise = problem.noise.factor * references.compute_covariance()
+    white, states, spread = errors.smooth(
+        nodes, H, stated_noise, np.concatenate([F_references @ problem.S, z[:, :, None]], axis=2)
+    )
     white, size = white.reshape(z.size, -1), len(problem.S)
-    e = np.append(white[:, -1], np.zeros(size))
+    right_side = np.append(white[:, -1], np.zeros(size))
     Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(size)]), mode="economic")
-    y = scipy.linalg.solve_triangular(U, Q.T @ e)
-    remaining = e - Q @ (Q.T @ e)
+    y = scipy.linalg.solve_triangular(U, Q.T @ right_side)
+    remaining = right_side - Q @ (Q.T @ right_side)
     return _Solution(
-        x, R[wanted], F[wanted], states[wanted], spread[wanted], errors.variance, U, y, float(remaining @ remaining)
+        x, R[outputs], F[outputs], states[outputs], spread[outputs], errors.variance, U, y, float(remaining @ remaining)
     )
 
 
 def _build_prediction(problem: _Problem, solution: _Solution, x: Array) -> Prediction:
     """Build attitudes and covariances from the last solution and the parameters x (12,) that it leads to."""
     R, F, states, spread = solution.R, solution.F, solution.states, solution.spread
-    S, y, later, seen = problem.S, solution.y, problem.later, problem.seen
+    S, y, d, used = problem.S, solution.y, problem.output_columns, len(problem.references.t_s)
     walk = (states[:, :3, -1:] - states[:, :3, :-1] @ y[:, None])[:, :, 0]
     c = np.einsum("kij,kj->ki", R, walk) + F @ (S @ y) + F[:, :, 3:] @ (solution.x - problem.x0)
     # cov(u) = U⁻¹ U⁻ᵀ. Beside the smoothed states, c is off by B u′, and the lasting error of a reading by D u′, u′ ~ N(0, I).
     root = scipy.linalg.solve_triangular(solution.U, np.eye(len(S)))
-    T, turned = S @ root, R @ spread[:, :3]
+    T, R_spread = S @ root, R @ spread[:, :3]
     B = F @ T - R @ states[:, :3, :-1] @ root
-    D = -later @ states[:, 3:, :-1] @ root
-    blocks = turned[:, :, :3] @ R.transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
-    both = turned[:, :, 3:] @ later.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)
-    readings = blocks + both + both.transpose(0, 2, 1) + (later * solution.variance) @ later.transpose(0, 2, 1)
+    D = -d @ states[:, 3:, :-1] @ root
+    covariance = R_spread[:, :, :3] @ R.transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
+    cross = R_spread[:, :, 3:] @ d.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)  # of c and the lasting error of a reading
+    readings = covariance + cross + cross.transpose(0, 2, 1) + (d * solution.variance) @ d.transpose(0, 2, 1)
     return Prediction(
         problem.times,
         np.asarray(attitude.rotation_matrix(c) @ R @ problem.anchor),
-        np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
+        np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1))),
         GyroParameters.from_vector(x),
         T[3:] @ T[3:].T,
-        len(seen.t_s),
+        used,
         solution.chi2,
-        3 * len(seen.t_s),
+        3 * used,
         readings,
     )
 
@@ -349,16 +352,16 @@ def _build_prediction(problem: _Problem, solution: _Solution, x: Array) -> Predi
 def _check_memory(count: int, noise: RemainderNoise) -> None:
     """Refuse a prediction whose arrays would not fit: they grow with the number of references and output times."""
     states = 3 + sum(len(process.members) for process in noise.processes)
-    each = 8 * (2 * states**2 + (states + 6) * 16 + 3 * states + 60)
-    if count * each > LARGEST_PREDICTION_BYTES:
+    bytes_per_time = 8 * (2 * states**2 + (states + 6) * 16 + 3 * states + 60)
+    if count * bytes_per_time > LARGEST_PREDICTION_BYTES:
         raise InputError(
-            f"{count} references and output times need {count * each / 1e9:.1f} GB, the limit is"
+            f"{count} references and output times need {count * bytes_per_time / 1e9:.1f} GB, the limit is"
             f" {LARGEST_PREDICTION_BYTES / 1e9:.0f} GB: give a larger --step, or predict from a shorter interval"
         )
 
 
 def _compute_covariance_root(P: Array) -> Array:
-    """(p, p) S of a covariance P = S Sᵀ, of any units and rank."""
+    """Compute S (p, p) of a covariance P = S Sᵀ, of any units and rank."""
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     safe = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(P / np.outer(safe, safe))

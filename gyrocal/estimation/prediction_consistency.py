@@ -73,52 +73,52 @@ def compute_prediction_errors(
     rows = _choose_starts(recording, horizons_s[0], most_starts)
     errors_by_horizon: list[list[tuple[float, Array, Array]]] = [[] for _ in horizons_s]
     for row in rows:
-        wanted = [_find_reference_after(recording, row, horizon) for horizon in horizons_s]
-        targets = sorted({one for one in wanted if one is not None})
+        target_rows = [_find_reference_after(recording, row, horizon) for horizon in horizons_s]
+        targets = sorted({target for target in target_rows if target is not None})
         used = _select_references_before(recording, row)
         if not targets:
             continue
         try:
-            made = condition_on_references(recording, used, t_s[targets], known.covariance, known.noise)
+            prediction = condition_on_references(recording, used, t_s[targets], known.covariance, known.noise)
         except InputError:  # the gyro has a gap there
             continue
         observed = attitude.matrix_from_quaternion(recording.attitudes.quaternions[targets])
-        errors = attitude.residual(observed, made.A)
-        covariance = made.readings + known.noise.factor * recording.attitudes.select_rows(targets).compute_covariance()
-        for k, one in enumerate(wanted):
-            if one is not None:
-                place = targets.index(one)
+        errors = attitude.residual(observed, prediction.A)
+        covariance = prediction.readings + known.noise.factor * recording.attitudes.select_rows(targets).compute_covariance()
+        for k, target in enumerate(target_rows):
+            if target is not None:
+                place = targets.index(target)
                 errors_by_horizon[k].append((float(t_s[row]), errors[place], covariance[place]))
-    return [_gather(horizon, ones) for horizon, ones in zip(horizons_s, errors_by_horizon, strict=True)]
+    return [_build_prediction_errors(horizon, entries) for horizon, entries in zip(horizons_s, errors_by_horizon, strict=True)]
 
 
 def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording:
     """Cut a recording: its references and intervals from one time to another, s, and the gyro samples that cover them."""
     attitudes, gyro = recording.attitudes, recording.gyro
-    kept = attitudes.select_rows((attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
+    references = attitudes.select_rows((attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
     intervals = []
     for interval in recording.intervals:
-        inside = kept.t_s[find_reference_rows(kept.t_s, interval)]
-        if inside.size >= 2:
-            intervals.append(replace(interval, start_s=float(inside[0]), stop_s=float(inside[-1])))
+        times_s = references.t_s[find_reference_rows(references.t_s, interval)]
+        if times_s.size >= 2:
+            intervals.append(replace(interval, start_s=float(times_s[0]), stop_s=float(times_s[-1])))
     if not intervals:
         raise InputError(f"no interval has two references between {from_s:g} and {to_s:g} s")
     samples = (gyro.t_s >= from_s - 2 * gyro.sample_s) & (gyro.t_s <= to_s + 2 * gyro.sample_s)
     cut = replace(gyro, t_s=gyro.t_s[samples], rates=gyro.rates[samples])
-    return replace(recording, gyro=cut, attitudes=kept, intervals=tuple(intervals), tables={}, sensors=None)
+    return replace(recording, gyro=cut, attitudes=references, intervals=tuple(intervals), tables={}, sensors=None)
 
 
-def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]:
-    """Rows of references inside an interval with at least two before and a span of `least_s` after them."""
+def _choose_starts(recording: Recording, least_s: float, count: int) -> list[int]:
+    """Choose rows of references in an interval with at least two before and a span of `least_s` after them."""
     t_s: Array = recording.attitudes.t_s
     rows = []
     for interval in recording.intervals:
         rows += [int(row) for row in find_reference_rows(t_s, interval)[2:] if t_s[row] <= t_s[-1] - least_s]
-    return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
+    return [rows[k] for k in choose_evenly(len(rows), count)] if rows else []
 
 
 def _select_references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
-    """Mask of the latest references up to a row in the interval that holds it."""
+    """Mask the latest references up to a row in the interval that holds it."""
     attitudes: Attitudes = recording.attitudes
     start_s = max(interval.start_s for interval in recording.intervals if interval.start_s < attitudes.t_s[row] - SAME_TIME_S)
     used = (attitudes.t_s >= start_s - SAME_TIME_S) & (np.arange(attitudes.t_s.size) <= row)
@@ -127,13 +127,15 @@ def _select_references_before(recording: Recording, row: int) -> NDArray[np.bool
 
 
 def _find_reference_after(recording: Recording, row: int, horizon_s: float) -> int | None:
-    """Row of the reference nearest to a horizon after another one; None if there is none within the tolerance."""
+    """Find the row of the reference nearest to a horizon after another one; None without one within the tolerance."""
     t_s = recording.attitudes.t_s
-    wanted = t_s[row] + horizon_s
-    nearest = int(np.abs(t_s - wanted).argmin())
-    return nearest if nearest > row and abs(t_s[nearest] - wanted) <= HORIZON_TOLERANCE * horizon_s else None
+    target_s = t_s[row] + horizon_s
+    nearest = int(np.abs(t_s - target_s).argmin())
+    return nearest if nearest > row and abs(t_s[nearest] - target_s) <= HORIZON_TOLERANCE * horizon_s else None
 
 
-def _gather(horizon_s: float, ones: list[tuple[float, Array, Array]]) -> PredictionErrors:
-    errors, covariances = np.reshape([error for _, error, _ in ones], (-1, 3)), np.reshape([C for *_, C in ones], (-1, 3, 3))
-    return PredictionErrors(horizon_s, np.array([t_s for t_s, *_ in ones]), errors, covariances)
+def _build_prediction_errors(horizon_s: float, entries: list[tuple[float, Array, Array]]) -> PredictionErrors:
+    """Build the errors of one horizon from the start, s, the error (3,) and the covariance (3, 3) of each prediction."""
+    errors = np.reshape([error for _, error, _ in entries], (-1, 3))
+    covariances = np.reshape([covariance for *_, covariance in entries], (-1, 3, 3))
+    return PredictionErrors(horizon_s, np.array([start_s for start_s, *_ in entries]), errors, covariances)

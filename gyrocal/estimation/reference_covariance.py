@@ -1,4 +1,4 @@
-"""Batch attitudes as references of the calibrator, with what they share: bias, epoch, and the gyro's own noise.
+"""Batch attitudes as references of the calibrator; they share bias, epoch, and the gyro's own noise.
 
 Let ψ = Aᵀθ be the error of a reference attitude in inertial axes, A_true = A exp([ψ×]) to first order for the estimate A, and
 w(t) what the noise of the rates has added by t. The residual of an interval from the reference s to the reference e is, beside
@@ -20,6 +20,7 @@ between them matter, and a calibration needs all of V.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,19 +32,19 @@ from gyrocal.recording import Attitudes, Interval, find_reference_rows
 
 
 def reference_attitudes(batches: Sequence[BatchResult]) -> Attitudes:
-    """The wanted attitudes of all batches in the order of time; sigma is that of each by itself.
+    """Collect the wanted attitudes of all batches in the order of time; sigma is that of each by itself.
 
     Raises
     ------
     InputError
         None is there, or two are of one time.
     """
-    t, A, sigma, _, _ = _gather_references(batches)
-    return Attitudes(t, quaternion_from_matrix(A), sigma)
+    references = _gather_references(batches)
+    return Attitudes(references.t, quaternion_from_matrix(references.A), references.sigma)
 
 
 def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> Array:
-    """Covariance V (3m, 3m) of the calibrator's m residuals, rad², interval by interval.
+    """Compute the covariance V (3m, 3m) of the calibrator's m residuals, rad², interval by interval.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     intervals : each with two or more of these times within
     arw : of the gyro, rad/sqrt(s)
     """
-    t, A, _, batch_of, number = _gather_references(batches)
+    references = _gather_references(batches)
+    t, A = references.t, references.A
     start, end = _find_ends(t, intervals)
     edges = np.unique(np.concatenate([t, *(batch.errors.t_s for batch in batches)]))
     middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
@@ -61,29 +63,29 @@ def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
         weights = np.zeros((3 * len(end), len(estimate.joint)))  # residuals by errors of the batch
         for j in range(len(end)):
             for row, sign in ((end[j], -1.0), (start[j], 1.0)):
-                if batch_of[row] == b:
-                    first = len(estimate.covariance) + 3 * number[row]
+                if references.batch[row] == b:
+                    first = len(estimate.covariance) + 3 * references.number[row]
                     weights[3 * j : 3 * j + 3, first : first + 3] += sign * A[end[j]] @ A[row].T
         V += weights @ estimate.errors.measurements @ weights.T
-        inside = (middle > estimate.errors.t_s[0]) & (middle < estimate.errors.t_s[-1])
-        piece = np.searchsorted(estimate.errors.t_s, middle[inside]) - 1
-        walk[:, inside] += (weights @ estimate.errors.walk).transpose(1, 0, 2)[:, piece]
+        overlap = (middle > estimate.errors.t_s[0]) & (middle < estimate.errors.t_s[-1])
+        step = np.searchsorted(estimate.errors.t_s, middle[overlap]) - 1
+        walk[:, overlap] += (weights @ estimate.errors.walk).transpose(1, 0, 2)[:, step]
     for j in range(len(end)):
         during = (middle > t[start[j]]) & (middle < t[end[j]])
         walk[3 * j : 3 * j + 3, during] += A[end[j]][:, None, :]
-    flat = (walk * (arw * np.sqrt(length))[:, None]).reshape(len(V), -1)
-    return np.asarray(V + flat @ flat.T)
+    weighted = (walk * (arw * np.sqrt(length))[:, None]).reshape(len(V), -1)
+    return np.asarray(V + weighted @ weighted.T)
 
 
 def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> Array:
-    """C (intervals, 3, 3) of each interval's residual, rad², for `gyrocal.calibrate`; see the module for when it is enough.
+    """Compute C (intervals, 3, 3) of each interval's residual, rad², for `gyrocal.calibrate`; the module says when it suffices.
 
     Raises
     ------
     InputError
         An interval has another number of references than two, its ends.
     """
-    t, *_ = _gather_references(batches)
+    t = _gather_references(batches).t
     for interval in intervals:
         count = find_reference_rows(t, interval).size
         if count != 2:
@@ -92,26 +94,34 @@ def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     return np.stack([V[k : k + 3, k : k + 3] for k in range(0, len(V), 3)])
 
 
-def _gather_references(batches: Sequence[BatchResult]) -> tuple[Array, Array, Array, Indices, Indices]:
-    """Times, attitudes, sigmas, batch and number within it of all references, in the order of time."""
+class _References(NamedTuple):
+    """Wanted attitudes of all batches, in the order of time."""
+
+    t: Array  # (k,) s
+    A: Array  # (k, 3, 3)
+    sigma: Array  # (k, 3) rad
+    batch: Indices  # (k,) batch of each
+    number: Indices  # (k,) its number among the wanted attitudes of the batch
+
+
+def _gather_references(batches: Sequence[BatchResult]) -> _References:
+    """Gather the references of all batches."""
     counts = [batch.t_s.size for batch in batches]
     if not sum(counts):
         raise InputError("no batch has an attitude at a wanted time")
-    t = np.concatenate([result.t_s for result in batches])
+    t = np.concatenate([batch.t_s for batch in batches])
     order = np.argsort(t, kind="stable")
     same = np.flatnonzero(np.diff(t[order]) <= 0)
     if same.size:
         raise InputError(f"two references are of one time, {t[order][same[0]]:g} s; want it of one batch only")
-    A, sigma = (
-        np.concatenate(parts)[order]
-        for parts in zip(*((result.attitudes, result.attitude_sigma) for result in batches), strict=True)
-    )
+    A = np.concatenate([batch.attitudes for batch in batches])[order]
+    sigma = np.concatenate([batch.attitude_sigma for batch in batches])[order]
     number = np.concatenate([np.arange(count) for count in counts])[order]
-    return t[order], A, sigma, np.repeat(np.arange(len(batches)), counts)[order], number
+    return _References(t[order], A, sigma, np.repeat(np.arange(len(batches)), counts)[order], number)
 
 
 def _find_ends(t: Array, intervals: Sequence[Interval]) -> tuple[Indices, Indices]:
-    """Start and end reference of each residual."""
+    """Find start and end reference of each residual."""
     start: list[int] = []
     end: list[int] = []
     for interval in intervals:

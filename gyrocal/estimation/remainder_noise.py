@@ -72,7 +72,7 @@ class KnownCalibration:
 
     @classmethod
     def build(cls, result: CalibrationResult) -> KnownCalibration:
-        """Take the recommended covariance of a result of `gyrocal.calibrate`, and its remainder."""
+        """Build from a result of `gyrocal.calibrate`: its recommended covariance and its remainder."""
         if result.recommended != WITH_REMAINDER or result.remainder is None:
             return cls(result.parameters, result.covariance, RemainderNoise())
         remainder = result.remainder
@@ -100,21 +100,21 @@ def read_calibration(path: Path) -> KnownCalibration:
         noise = RemainderNoise()
         if with_remainder:
             noise = RemainderNoise(read_processes(document["remainder"]), float(document["remainder"]["noise_factor"]))
-            _check(noise.processes, noise.factor)
+            _check_processes(noise.processes, noise.factor)
         sha256 = document.get("provenance", {}).get("recording_sha256")
         return KnownCalibration(parameters, covariance / np.outer(DEGREES, DEGREES), noise, sha256)
     except OSError as fault:
         raise InputError(f"{path}: {fault.strerror}") from None
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as fault:
-        why = f"it has no {fault}" if isinstance(fault, KeyError) else fault
-        raise InputError(f"{path}: not a result of 'gyrocal calibrate --json': {why}") from None
+        reason = f"it has no {fault}" if isinstance(fault, KeyError) else fault
+        raise InputError(f"{path}: not a result of 'gyrocal calibrate --json': {reason}") from None
 
 
-def _check(processes: Iterable[Process], factor: float) -> None:
-    """Refuse sizes that are no variances."""
+def _check_processes(processes: Iterable[Process], factor: float) -> None:
+    """Refuse processes of an unknown kind, and sizes that are no variances."""
     for process in processes:
-        most: Sequence[int] = range(12) if process.kind == "rate" else range(3)
-        if process.kind not in ("rate", "reference", "delay") or not set(process.members) <= set(most):
+        known_members: Sequence[int] = range(12) if process.kind == "rate" else range(3)
+        if process.kind not in ("rate", "reference", "delay") or not set(process.members) <= set(known_members):
             raise ValueError(f"a process of kind {process.kind!r} with members {list(process.members)} is unknown")
         if not (0 <= process.variance < np.inf and process.time_scale_s >= 0):
             raise ValueError("a process has a variance or a time scale that is negative or not finite")

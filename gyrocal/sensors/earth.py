@@ -79,7 +79,7 @@ class EarthSensor:
         return float(np.arcsin((EQUATORIAL_RADIUS + self.co2_height) / (EQUATORIAL_RADIUS + self.altitude)))
 
     def cone(self, position: Array) -> Array:
-        """C of the lines of sight that touch the horizon, inertial; (n, 3) m → (n, 3, 3)."""
+        """Compute the cone C of the lines of sight that touch the horizon, inertial; (n, 3) m → (n, 3, 3)."""
         a, c = EQUATORIAL_RADIUS + self.co2_height, POLAR_RADIUS + self.co2_height
         D = 1 / np.array([a, a, c])
         p = position * D
@@ -113,11 +113,11 @@ class EarthModel:
         return self.sensor.name
 
     def predict(self, A: Array, rows: Indices) -> Array:
-        """Expected penetration angles at attitudes (n, 3, 3); (n, 4), NaN where a scan plane misses the Earth."""
+        """Predict penetration angles at attitudes (n, 3, 3); (n, 4), NaN where a scan plane misses the Earth."""
         return np.asarray(_compute_limb(self._compute_cone(A, rows)) - self.sensor.nominal + self.sensor.biases)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
-        """∂y/∂θ for A → exp([θ×]) A; (n, 4, 3)."""
+        """Compute ∂y/∂θ for A → exp([θ×]) A; (n, 4, 3)."""
         C = self._compute_cone(A, rows)
         eta = _compute_limb(C)[..., None]
         pole = np.array([0.0, 0.0, 1.0])
@@ -127,11 +127,11 @@ class EarthModel:
         return np.asarray(_compute_cross(e, normal) / (along * normal).sum(axis=-1, keepdims=True))
 
     def partials(self, A: Array, rows: Indices) -> Array:
-        """∂y/∂bias: unit matrices, (n, 4, 4)."""
+        """Return ∂y/∂bias: unit matrices, (n, 4, 4)."""
         return np.tile(np.eye(4), (len(rows), 1, 1))
 
     def corrected(self, change: Array) -> EarthModel:
-        """The model with its biases moved by change (4,), rad."""
+        """Return the model with its biases moved by change (4,), rad."""
         return replace(self, sensor=replace(self.sensor, biases=self.sensor.biases + change))
 
     def _compute_cone(self, A: Array, rows: Indices) -> Array:
@@ -140,13 +140,13 @@ class EarthModel:
 
 
 def _compute_cross(a: Array, b: Array) -> Array:
-    """a × b of two (..., 3); `np.cross` takes several times as long for a few vectors, and a filter asks for four."""
+    """Compute a × b of two (..., 3); for a few vectors several times faster than `np.cross`."""
     x, y, z, u, v, w = *np.moveaxis(a, -1, 0), *np.moveaxis(b, -1, 0)
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def _compute_limb(C: Array) -> Array:
-    """η of the four quadrants from the cone in the body; (n, 3, 3) → (n, 4)."""
+    """Compute η of the four quadrants from the cone in the body; (n, 3, 3) → (n, 4)."""
     alpha = C[..., 2, 2][..., None]
     beta = C[..., 2, :] @ QUADRANT_DIRECTIONS.T
     gamma = np.einsum("qi,...ij,qj->...q", QUADRANT_DIRECTIONS, C, QUADRANT_DIRECTIONS)

@@ -48,7 +48,7 @@ PUBLISHED_COMPENSATION = {"DSS-1": Compensation(1.000047, 0.000085), "DSS-2": Co
 
 
 def compute_compensation(head: Array, alpha: float) -> Compensation:
-    """(c, d) that are exact at one α, (ii), once e₃ is taken out of β'.
+    """Compute the (c, d) that are exact at one α, (ii), once e₃ is taken out of β'.
 
     Parameters
     ----------

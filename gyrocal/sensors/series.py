@@ -1,4 +1,4 @@
-"""What an estimator needs of an attitude sensor: expected measurements, their sensitivities, and a series of real ones.
+"""Attitude sensors for an estimator: expected measurements, their sensitivities, and series of real ones.
 
 An attitude error θ is that of the residual N (16): the true attitude is exp([θ×]) A, or (I + [θ×]) A to first order, for an
 estimate A. A model predicts y = h(A, p) with p its calibration parameters, and gives ∂h/∂θ and ∂h/∂p, so that
@@ -40,16 +40,16 @@ class SensorModel(Protocol):
         """Names of the p calibration parameters, e.g. "m_x", "m_y", "m_z"; angles in rad."""
 
     def predict(self, A: Array, rows: Indices) -> Array:
-        """Expected measurements at attitudes A (n, 3, 3); (n, m)."""
+        """Predict measurements at attitudes A (n, 3, 3); (n, m)."""
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
-        """∂h/∂θ for A → exp([θ×]) A; (n, m, 3)."""
+        """Compute ∂h/∂θ for A → exp([θ×]) A; (n, m, 3)."""
 
     def partials(self, A: Array, rows: Indices) -> Array:
-        """∂h/∂p; (n, m, p)."""
+        """Compute ∂h/∂p; (n, m, p)."""
 
     def corrected(self, change: Array) -> SensorModel:
-        """The model with its parameters moved by change (p,); rotations are composed, not added."""
+        """Return the model with its parameters moved by change (p,); rotations are composed, not added."""
 
 
 @dataclass(frozen=True)

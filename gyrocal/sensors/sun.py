@@ -16,7 +16,7 @@ With A → exp([θ×]) A and M → exp([m×]) M,
     dO = Mᵀ Nᵀ (θ × A r) − Mᵀ (m × Nᵀ A r)
 
 m are angles about the axes of the nominal sensor frame, so that M ≈ I + [m×] near the identity. A turn θ of the body and
-m = Nᵀ θ of the sensor cancel: turning all sensors together cannot be told from an attitude error.
+m = Nᵀ θ of the sensor cancel: turning all sensors together cannot be separated from an attitude error.
 
 Both heads are taken to be at right angles, as the software of the mission took them; see `gyrocal.sensors.head_compensation`.
 """
@@ -66,31 +66,31 @@ class SunSensor:
 
     def __post_init__(self) -> None:
         shapes = {"alignment": (3, 3), "misalignment": (3, 3), "coefficients_alpha": (9,), "coefficients_beta": (9,)}
-        for what, shape in shapes.items():
-            value = np.asarray(getattr(self, what), dtype=float)
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name), dtype=float)
             if value.shape != shape or not np.isfinite(value).all():
-                raise InputError(f"{self.name}: {what} must be {shape} finite numbers")
-            object.__setattr__(self, what, value)
-        for what in ("alignment", "misalignment"):
-            value = getattr(self, what)
+                raise InputError(f"{self.name}: {name} must be {shape} finite numbers")
+            object.__setattr__(self, name, value)
+        for name in ("alignment", "misalignment"):
+            value = getattr(self, name)
             # A published matrix is rounded, R (3) to 1e-6.
             if np.abs(value @ value.T - np.eye(3)).max() > 1e-5 or np.linalg.det(value) < 0:
-                raise InputError(f"{self.name}: {what} must be a rotation matrix")
+                raise InputError(f"{self.name}: {name} must be a rotation matrix")
         if not 0 < self.half_fov < np.pi / 2 or not 0 < self.sigma < np.inf:
             raise InputError(f"{self.name}: half_fov must be below a quarter turn, sigma positive and finite")
 
     def angles(self, counts: npt.ArrayLike) -> Array:
-        """(α, β) of counts (n, 2) by R (5), rad; (n, 2)."""
+        """Convert counts (n, 2) to (α, β) by R (5), rad; (n, 2)."""
         N = np.asarray(counts, dtype=float)
         alpha, beta = self.coefficients_alpha, self.coefficients_beta
         return np.stack([_evaluate_transfer(N[..., 0], alpha), _evaluate_transfer(N[..., 1], beta)], axis=-1)
 
     def in_view(self, angles: Array) -> Mask:
-        """(n,) both angles (n, 2) within the field of view."""
+        """Tell (n,) whether both angles (n, 2) are within the field of view."""
         return np.asarray((np.abs(angles) <= self.half_fov).all(axis=-1))
 
     def series(self, t: Array, counts: npt.ArrayLike, sun: Array, visible: Mask | None = None) -> SensorSeries:
-        """Measurements ready for an estimator.
+        """Build the measurements that an estimator takes.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ def _evaluate_transfer(N: Array, k: Array) -> Array:
 
 
 def compute_angles(observed: Array) -> Array:
-    """(α, β) (n, 2) rad of directions O (n, 3) in the sensor frame, O_z > 0; the inverse of R (4)."""
+    """Compute (α, β) (n, 2) rad of directions O (n, 3) in the sensor frame, O_z > 0; the inverse of R (4)."""
     x, y, z = observed[..., 0], observed[..., 1], observed[..., 2]
     return np.stack([np.arctan2(x, z), np.arctan2(y, z)], axis=-1)
 
@@ -137,31 +137,31 @@ class SunModel:
         return self.sensor.name
 
     def predict(self, A: Array, rows: Indices) -> Array:
-        """(α, β) at attitudes A (n, 3, 3), rad; (n, 2)."""
+        """Predict (α, β) at attitudes A (n, 3, 3), rad; (n, 2)."""
         return compute_angles(self._compute_nominal(A, rows) @ self.sensor.misalignment)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
-        """∂(α, β)/∂θ; (n, 2, 3)."""
+        """Compute ∂(α, β)/∂θ; (n, 2, 3)."""
         to_sensor = (self.sensor.alignment @ self.sensor.misalignment).T
         body = np.einsum("nij,nj->ni", A, self.sun[rows])
         return self._compute_angle_rates(body @ to_sensor.T) @ (to_sensor @ -cross_matrix(body))
 
     def partials(self, A: Array, rows: Indices) -> Array:
-        """∂(α, β)/∂m; (n, 2, 3)."""
+        """Compute ∂(α, β)/∂m; (n, 2, 3)."""
         M, nominal = self.sensor.misalignment, self._compute_nominal(A, rows)
         return self._compute_angle_rates(nominal @ M) @ (M.T @ cross_matrix(nominal))
 
     def corrected(self, change: Array) -> SunModel:
-        """The model with M → exp([m×]) M, change m (3,) rad."""
+        """Return the model with M → exp([m×]) M, change m (3,) rad."""
         return replace(self, sensor=replace(self.sensor, misalignment=rotation_matrix(change) @ self.sensor.misalignment))
 
     def _compute_nominal(self, A: Array, rows: Indices) -> Array:
-        """Nᵀ A r (n, 3), the Sun in the nominal sensor frame."""
+        """Compute Nᵀ A r (n, 3), the Sun in the nominal sensor frame."""
         return np.asarray(np.einsum("nij,nj->ni", A, self.sun[rows]) @ self.sensor.alignment)
 
     @staticmethod
     def _compute_angle_rates(observed: Array) -> Array:
-        """∂(α, β)/∂O; (n, 2, 3)."""
+        """Compute ∂(α, β)/∂O; (n, 2, 3)."""
         x, y, z = observed.T
         out = np.zeros((len(observed), 2, 3))
         out[:, 0, 0], out[:, 0, 2] = z / (x * x + z * z), -x / (x * x + z * z)
@@ -170,7 +170,7 @@ class SunModel:
 
 
 def trmm_sun_sensors(tilt: float = BORESIGHT_TILT, elevation: float = 0.0) -> tuple[SunSensor, SunSensor]:
-    """TRMM's two sensors with no misalignment; sensor and body axes as follows.
+    """Build TRMM's two sensors without misalignment; sensor and body axes as follows.
 
     The boresight z lies in the body's XY plane, `tilt` rad from +X (DSS-1) or −X (DSS-2) toward −Y, where the Sun is kept. y
     lies in that plane too, toward −Y, and x along +Z (DSS-1) or −Z (DSS-2). So α = 0 when the Sun crosses the XY plane, the

@@ -1,7 +1,7 @@
 """Effects: what a real gyro or attitude sensor does and the baseline simulator does not, one per file.
 
-Each owns itself (`simulator.effects.base`): where in the measuring chain it acts and what it does there, and how a diagnosis
-tries it. `REGISTRY` holds all of them by name, `EFFECTS` those on gyro and references, `SENSOR_EFFECTS` in
+Each file defines where in the measuring chain an effect acts, what it does there, and how a diagnosis tries it; see
+`simulator.effects.base`. `REGISTRY` holds all of them by name, `EFFECTS` those on gyro and references, `SENSOR_EFFECTS` in
 `simulator.effects.sensor` those on sun and Earth sensors. `parse` makes a `Setting` from text and `setting` from its parts. A
 positive size makes the gyro read high.
 """

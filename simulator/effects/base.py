@@ -1,4 +1,4 @@
-"""What an effect is: its place in the measuring chain, its numbers and units, and what it does there.
+"""Definition of an effect: its place in the measuring chain, its numbers and units, and its action there.
 
 An effect is something a real gyro or attitude sensor does and the baseline simulator M0 (constant G and b, white noise on
 rates and references) does not. It owns itself: everything that depends on which effect it is, is in its class. It acts at one
@@ -44,10 +44,10 @@ STAGES = (
     Stage("rate", "columns"),  # a deterministic error is added to the noise-free rate: columns times amplitudes
     Stage("random_rate", "wander"),  # a random error is added to the noise-free rate, such as a bias that wanders
     Stage("filter", "retimed"),  # the gyro's output follows its input late, as behind a low-pass filter
-    Stage("clock", "retimed"),  # the tags of the samples do not tell the time of the references' clock
+    Stage("clock", "retimed"),  # the clock of the samples' tags is not that of the references
     Stage("threshold", "apply"),  # the gyro does not react to some rates; its white noise comes after that
     Stage("white_noise", "noise_factor"),  # white noise as stated is added, times the factors of this stage's effects
-    Stage("pickup", "apply"),  # the gyro picks up what is no rate of the body, such as a vibration
+    Stage("pickup", "apply"),  # the gyro picks up more than the rate of the body, such as a vibration
     Stage("outliers", "apply"),  # single samples are falsified
     Stage("range", "apply"),  # rates beyond what the gyro can show are cut off
     Stage("resolution", "apply"),  # samples are rounded or cut to a step
@@ -74,7 +74,7 @@ SYMPTOMS = (
 )
 
 
-# ---- what an effect sees ----------------------------------------------------------------------------------------------------
+# ---- inputs of an effect ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class References:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a recording, or a maneuver plan, offers for an effect to act on and to be seen in."""
+    """Samples and references of a recording, or of a maneuver plan, on which an effect acts."""
 
     stream: Stream  # the gyro samples; noise-free, or the best estimate of that
     references: References  # the reference attitudes
@@ -143,7 +143,7 @@ class SampleView:
 
 @dataclass(frozen=True)
 class Detection:
-    """What an effect's own test found in the samples."""
+    """Result of an effect's own test of the samples."""
 
     effect: str
     axis: str | None
@@ -156,7 +156,7 @@ class Detection:
     text: str  # what was seen, for people
 
 
-# ---- what an effect is -------------------------------------------------------------------------------------------------------
+# ---- effects and settings ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Setting:
     parameters: Parameters = field(default_factory=dict)  # the effect's other numbers by name
 
     def label(self) -> str:
-        """Effect and axis, e.g. "bias_drift:z" or "time_offset"."""
+        """Format effect and axis, e.g. "bias_drift:z" or "time_offset"."""
         return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
 
 
@@ -209,7 +209,7 @@ class Effect:
     axis_optional: bool = False  # whether no axis means all of them
     parameters: tuple[Parameter, ...] = ()  # beside the size
     meaning: str = ""  # a sentence for the report of a diagnosis; the summary by default
-    says: str = ""  # what is so when it is at work, as the first words of a sentence, see `sentence`
+    says: str = ""  # description of the effect as the first words of a sentence, see `sentence`
     ways: tuple[str, ...] = ()  # what {way} in it stands for at a positive and at a negative size
     sign: Literal["any", "positive"] = "any"  # "positive" if a negative size means nothing, or another effect
     weight: float = 1.0  # prior probability beside that of the other effects, which have 1
@@ -221,7 +221,7 @@ class Effect:
     # ---- what it is ------------------------------------------------------------------------------------------------------
 
     def implements(self, method: str) -> bool:
-        """Whether its class gives a method that the base class leaves open."""
+        """Tell whether its class gives a method that the base class leaves open."""
         return getattr(type(self), method, None) not in (None, getattr(Effect, method, None))
 
     @property
@@ -251,7 +251,7 @@ class Effect:
         return self.implements("apply") or self.implements("noise_factor")
 
     def sentence(self, axis: str | None, value: float, size: str) -> str:
-        """Clause in plain words that states the effect, without a capital or a full stop.
+        """Describe the effect by a clause in plain words, without a capital or a full stop.
 
         Parameters
         ----------
@@ -272,27 +272,27 @@ class Effect:
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
-        """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
+        """Return the error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
 
     def amplitudes(self, setting: Setting) -> Array:
-        """The linear amplitudes of a setting, (k,) in the effect's unit."""
+        """Return the linear amplitudes of a setting, (k,) in the effect's unit."""
         return np.array([setting.size])
 
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """Size, and the parameters that the amplitudes hold."""
+        """Convert amplitudes to the size and the parameters that they hold."""
         return float(amplitudes[0]), {}
 
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
-        """Random error of the raw rates, (n, 3) rad/s."""
+        """Draw the random error of the raw rates, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} is no random process on the rates")
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        """Noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
+        """Return noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} does not act on timing")
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        """Raw samples (n, 3), rad/s, as they are put out."""
+        """Change raw samples (n, 3), rad/s, to those that are put out."""
         raise NotImplementedError(f"{self.name} does not act on samples")
 
     def noise_factor(self, setting: Setting) -> Array:
@@ -300,36 +300,36 @@ class Effect:
         raise NotImplementedError(f"{self.name} is no factor on white noise")
 
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
-        """Random error e of the references, (m, 3) rad."""
+        """Draw the random error e of the references, (m, 3) rad."""
         raise NotImplementedError(f"{self.name} is no random process on the references")
 
     def replace_references(
         self, rng: np.random.Generator, quaternions: Array, references: References, setting: Setting
     ) -> Array:
-        """Recorded reference attitudes (m, 4) with some of them repeated or falsified; `references` are the true ones."""
+        """Repeat or falsify some of the recorded reference attitudes (m, 4); `references` are the true ones."""
         raise NotImplementedError(f"{self.name} does not falsify references")
 
     def fitted(self, suite: "SensorSuite", setting: Setting) -> "SensorSuite":
-        """The sun and Earth sensors with the effect."""
+        """Return the sun and Earth sensors with the effect."""
         raise NotImplementedError(f"{self.name} does not act on the sensors")
 
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
-        """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
+        """Compute the covariance (c, c) of a process on one axis per unit size², (rad/s)² on rates, rad² on references."""
         raise NotImplementedError(f"{self.name} is no random process")
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out.
+        """List sets of parameters to try, with weights that add up to one, without time_s and those in the amplitudes.
 
-        By default all combinations of what its parameters say is tried.
+        By default all combinations of the values that its parameters give as tried.
         """
         tried = {parameter.name: parameter.tried for parameter in self.parameters if parameter.tried}
         sets = list(product(*tried.values()))
         return tuple(Trial(dict(zip(tried, values, strict=True)), 1 / len(sets)) for values in sets)
 
     def missing(self, around: Surroundings) -> str | None:
-        """Reason why the effect cannot act on, or be seen in, a recording; None if it can."""
+        """Give the reason why the effect cannot act on, or be seen in, a recording; None if it can."""
         return self.requirement(around) if self.requirement else None
 
     def detect(self, view: SampleView) -> Sequence[Detection]:
@@ -337,5 +337,5 @@ class Effect:
         return ()
 
     def completed(self, setting: Setting) -> Setting:
-        """A validated setting in the form in which it acts; an `InputError` where it would do nothing."""
+        """Complete a validated setting to the form in which it acts; an `InputError` if it would do nothing."""
         return setting

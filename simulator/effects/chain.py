@@ -32,13 +32,13 @@ class ActiveEffect:
 
 
 def prepare_effects(settings: Sequence[Setting], seed: int, case: int) -> list[ActiveEffect]:
-    """Effects with their random streams."""
-    seen: Counter[str] = Counter()
+    """Prepare effects with their random streams."""
+    label_counts: Counter[str] = Counter()
     out = []
     for setting in settings:
         label = setting.label()
-        seen[label] += 1
-        name = label if seen[label] == 1 else f"{label}#{seen[label]}"
+        label_counts[label] += 1
+        name = label if label_counts[label] == 1 else f"{label}#{label_counts[label]}"
         effect = REGISTRY[setting.effect]
         if effect.stage == "sensor":
             raise InputError(f"{label}: acts on raw sensor tables, not on rates and references")
@@ -47,7 +47,7 @@ def prepare_effects(settings: Sequence[Setting], seed: int, case: int) -> list[A
 
 
 def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
-    """Raw samples as recorded, (n, 3) rad/s; rng is the source of the white noise, None for none."""
+    """Simulate raw samples as recorded, (n, 3) rad/s; rng is the source of the white noise, None for none."""
     raw = around.stream.raw
     for stage in STAGES:
         if stage.name == "white_noise":
@@ -59,7 +59,7 @@ def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng:
 
 
 def _apply_method(entry: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
-    """Raw readings behind one effect."""
+    """Apply one effect to raw readings."""
     if method == "columns":
         return raw + _evaluate_columns(entry, around)
     if method == "wander":
@@ -79,7 +79,7 @@ def _draw_white_noise(around: Surroundings, active: Sequence[ActiveEffect], rng:
 
 
 def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
-    """Reference attitudes as recorded, (m, 4); rng is the source of the white errors, None for none."""
+    """Simulate reference attitudes as recorded, (m, 4); rng is the source of the white errors, None for none."""
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
@@ -92,23 +92,23 @@ def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rn
             error = error + _evaluate_columns(entry, around)
         elif entry.effect.stage == "random_reference":
             error = error + entry.effect.reference_wander(entry.rng, references, entry.setting)
-    shown = apply_rotation_errors(references.quaternions, error) if error.any() else references.quaternions
+    quaternions = apply_rotation_errors(references.quaternions, error) if error.any() else references.quaternions
     for entry in _select_stage(active, "reference_telemetry"):
-        shown = entry.effect.replace_references(entry.rng, shown, references, entry.setting)
-    return shown
+        quaternions = entry.effect.replace_references(entry.rng, quaternions, references, entry.setting)
+    return quaternions
 
 
 def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffect]:
-    """The effects at one stage; those that do not simply add up are in the order of the registry, others come after them."""
-    here = [entry for entry in active if entry.effect.stage == stage]
-    if len(here) > 1 and here[0].effect.implements("apply"):
+    """Select the effects at one stage; those that change samples come in the order of the registry, others after them."""
+    at_stage = [entry for entry in active if entry.effect.stage == stage]
+    if len(at_stage) > 1 and at_stage[0].effect.implements("apply"):
         order = list(REGISTRY)
-        here.sort(key=lambda entry: order.index(entry.effect.name) if entry.effect.name in order else len(order))
-    return here
+        at_stage.sort(key=lambda entry: order.index(entry.effect.name) if entry.effect.name in order else len(order))
+    return at_stage
 
 
 def _multiply_noise_factors(active: Sequence[ActiveEffect], stage: str) -> Array:
-    """Factor of each axis' white noise by all effects at a stage, (3,)."""
+    """Multiply the factors of each axis' white noise by all effects at a stage, (3,)."""
     factor = np.ones(3)
     for entry in _select_stage(active, stage):
         factor *= entry.effect.noise_factor(entry.setting)
@@ -116,7 +116,7 @@ def _multiply_noise_factors(active: Sequence[ActiveEffect], stage: str) -> Array
 
 
 def _evaluate_columns(entry: ActiveEffect, around: Surroundings) -> Array:
-    """Columns times amplitudes; an effect that could not act here is an error rather than silently nothing."""
+    """Multiply columns by amplitudes; an `InputError` for an effect that does nothing here."""
     effect, setting = entry.effect, entry.setting
     _check_step_time(entry, around)
     try:
@@ -136,7 +136,7 @@ def _evaluate_columns(entry: ActiveEffect, around: Surroundings) -> Array:
 
 
 def _check_step_time(entry: ActiveEffect, around: Surroundings) -> None:
-    """A step before the first sample or after the last is none."""
+    """Refuse a step before the first sample or after the last."""
     if not entry.effect.switched:
         return
     time, (first, last) = float(entry.setting.parameters["time_s"]), around.stream.span_s

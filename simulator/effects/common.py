@@ -38,24 +38,24 @@ PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0)
 
 
 def number(parameters: Parameters, name: str) -> float:
-    """A parameter that is a number."""
+    """Read a parameter that is a number."""
     return float(parameters[name])
 
 
 def index(axis: str | None) -> int:
-    """0, 1 or 2 of an axis that must be given."""
+    """Return 0, 1 or 2 of an axis that must be given."""
     if axis not in AXIS_NAMES:
         raise InputError(f"axis {axis}: must be one of x, y, z")
     return AXIS_NAMES.index(axis)
 
 
 def select_axes(axis: str | None) -> list[int]:
-    """Indices of an optional axis: all if it is not given."""
+    """Select the indices of an optional axis: all if it is not given."""
     return [0, 1, 2] if axis is None else [index(axis)]
 
 
 def put_on_axis(values: Array, axis: str | None) -> Array:
-    """Time functions (n,) or (n, k) put on one axis, (n, 3, k)."""
+    """Put time functions (n,) or (n, k) on one axis, (n, 3, k)."""
     values = values.reshape(len(values), -1)
     out = np.zeros((len(values), 3, values.shape[1]))
     out[:, index(axis)] = values
@@ -63,30 +63,30 @@ def put_on_axis(values: Array, axis: str | None) -> Array:
 
 
 def compute_share_after(stream: Stream, parameters: Parameters) -> Array:
-    """Share of each sample that is after time_s, (n,): the mean of H(t − time_s) over the sample."""
+    """Compute the share of each sample that is after time_s, (n,): the mean of H(t − time_s) over the sample."""
     after = stream.t_s + 0.5 * stream.duration_s - number(parameters, "time_s")
     return np.asarray(np.clip(after / stream.duration_s, 0.0, 1.0))
 
 
 def harmonic(t_s: Array, period_s: float) -> Array:
-    """sin and cos of 2π t/period, (n, 2); with amplitudes (size cos φ, size sin φ) they add up to size sin(2π t/period + φ)."""
+    """Compute sin and cos of 2π t/period, (n, 2); amplitudes (size cos φ, size sin φ) make size sin(2π t/period + φ)."""
     angle = 2 * np.pi / period_s * t_s
     return np.column_stack([np.sin(angle), np.cos(angle)])
 
 
 def phase_amplitudes(setting: Setting) -> Array:
-    """(size cos φ, size sin φ)."""
+    """Compute (size cos φ, size sin φ)."""
     phase = np.deg2rad(number(setting.parameters, "phase_deg"))
     return setting.size * np.array([np.cos(phase), np.sin(phase)])
 
 
 def convert_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]]:
-    """Size ≥ 0 and phase, the reverse of `phase_amplitudes`."""
+    """Convert amplitudes to size ≥ 0 and phase, the reverse of `phase_amplitudes`."""
     return float(np.hypot(*amplitudes)), {"phase_deg": float(np.rad2deg(np.arctan2(amplitudes[1], amplitudes[0])))}
 
 
 def list_runs(t_s: Array, duration_s: Array, intervals: Sequence[slice]) -> list[slice]:
-    """Stretches of samples that follow one another without a hole, none longer than an interval; arguments as of a `Stream`."""
+    """List stretches of samples without a hole, none longer than an interval; arguments as of a `Stream`."""
     begin, end = t_s - 0.5 * duration_s, t_s + 0.5 * duration_s
     out = []
     for part in intervals:
@@ -97,7 +97,7 @@ def list_runs(t_s: Array, duration_s: Array, intervals: Sequence[slice]) -> list
 
 
 def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -> Array:
-    """First-order Gauss–Markov process of unit variance at increasing times, exact whatever their spacing; (n,)."""
+    """Draw a first-order Gauss–Markov process of unit variance at increasing times, exact whatever their spacing; (n,)."""
     if len(t_s) == 0:
         return np.empty(0)
     draws = rng.standard_normal(len(t_s))
@@ -107,7 +107,7 @@ def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -
 
 
 def markov(t_s: Array, time_constant_s: float) -> Array:
-    """Covariance of a first-order Gauss–Markov process of unit variance at some times, (c,) → (c, c)."""
+    """Compute the covariance of a first-order Gauss–Markov process of unit variance at some times, (c,) → (c, c)."""
     # In one piece of memory: there may be thousands of times.
     lag = np.subtract.outer(t_s, t_s)
     np.abs(lag, out=lag)
@@ -116,28 +116,28 @@ def markov(t_s: Array, time_constant_s: float) -> Array:
 
 
 def measure_reference_arc(around: Surroundings) -> tuple[float, float]:
-    """Median spacing of the references, s, infinite without a series; and the longest interval that they cover, s."""
+    """Measure the median spacing of references, s, infinite without a series, and the longest interval they cover, s."""
     references = around.references
-    inside = (np.diff(references.interval) == 0) & (np.diff(references.t_s) > 0)
-    if not inside.any():
+    is_step = (np.diff(references.interval) == 0) & (np.diff(references.t_s) > 0)
+    if not is_step.any():
         return float("inf"), 0.0
     longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
-    return float(np.median(np.diff(references.t_s)[inside])), longest
+    return float(np.median(np.diff(references.t_s)[is_step])), longest
 
 
 def no_gyro_noise(around: Surroundings) -> str | None:
-    """Reason why an effect that is detected against the stated noise cannot act; None if it can."""
+    """Give the reason why an effect that is detected against the stated noise cannot act; None if it can."""
     return None if around.arw > 0 else "the recording states no gyro noise"
 
 
 def no_orbit(around: Surroundings) -> str | None:
-    """Reason why an effect at orbit rate cannot act; None if it can."""
+    """Give the reason why an effect at orbit rate cannot act; None if it can."""
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
 
 
 @compile_cached
 def recursion(decay: Array, drive: Array) -> Array:
-    """x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
+    """Compute x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
     out = np.empty_like(drive)
     value = 0.0
     for k in range(len(drive)):
@@ -151,7 +151,7 @@ class NoiseFactor(Effect):
     """White noise of an axis, or of all, times the size; the same draws are scaled, so that all else stays as it was."""
 
     def noise_factor(self, setting: Setting) -> Array:
-        """Size on its axes, 1 elsewhere."""
+        """Return the size on its axes, 1 elsewhere."""
         factor = np.ones(3)
         factor[select_axes(setting.axis)] = setting.size
         return factor
@@ -181,11 +181,11 @@ class GaussMarkov(Effect):
         return put_on_axis(setting.size * self.scale * process, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
-        """exp(−|Δt|/τ)."""
+        """Compute exp(−|Δt|/τ)."""
         return np.asarray(self.scale**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Time constants from what the spacing of the references can show to what an interval can."""
+        """List time constants from the shortest that the spacing of references shows to the longest that an interval does."""
         spacing, arc = measure_reference_arc(around)
         low, high = self.tried.spacings * spacing, self.tried.intervals * arc
         if not (high > low and arc > self.tried.least_arc * spacing):
@@ -195,7 +195,7 @@ class GaussMarkov(Effect):
         return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
 
     def missing(self, around: Surroundings) -> str | None:
-        """It needs references that follow one another."""
+        """Require references that follow one another."""
         return None if self.trials(around) else "it needs a series of references"
 
 
@@ -209,13 +209,13 @@ class DirectedEffect(Effect):
         return tuple(parameter for parameter in self.parameters if not parameter.choices)
 
     def amplitudes(self, setting: Setting) -> Array:
-        """The angles, in the effect's unit."""
+        """Return the angles, in the effect's unit."""
         direction = np.array([float(setting.parameters[parameter.name]) for parameter in self.directions])
         length = np.linalg.norm(direction)
         return np.asarray(setting.size * direction / length) if length > 0 else np.zeros(direction.size)
 
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """The norm, and the angles."""
+        """Return the norm, and the angles."""
         named = {parameter.name: float(value) for parameter, value in zip(self.directions, amplitudes, strict=True)}
         return float(np.linalg.norm(amplitudes)), dict(named)
 

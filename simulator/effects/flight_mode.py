@@ -1,4 +1,4 @@
-"""Which body axis flies forward, from how the body turns.
+"""The body axis that flies forward, from the body's rate.
 
 With z to nadir the body turns once an orbit about the orbit normal N, ω = n N, and N lies in its xy-plane. The velocity is
 along ẑ × N, so that a rate of −n about y means +x forward, +n about y −x, −n about x −y and +n about x +y (conventions in
@@ -32,12 +32,12 @@ def find_flight_directions(recording: Recording) -> tuple[NDArray[np.str_], Arra
     """
     t_s = recording.attitudes.t_s
     axes, headings = np.full(t_s.size, "", dtype="<U2"), np.full(t_s.size, np.nan)
-    taken = np.zeros(t_s.size, dtype=bool)
+    is_assigned = np.zeros(t_s.size, dtype=bool)
     gyro = recording.gyro
     for interval in recording.intervals:
         rows = find_reference_rows(t_s, interval)
-        rows = rows[~taken[rows]]
-        taken[rows] = True
+        rows = rows[~is_assigned[rows]]
+        is_assigned[rows] = True
         if not rows.size:
             continue
         if interval.forward is not None:
@@ -53,7 +53,7 @@ def find_flight_directions(recording: Recording) -> tuple[NDArray[np.str_], Arra
 
 
 def _estimate_rates(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float) -> Array:
-    """Body rates at some times of an interval, (m, 3) rad/s; NaN where the samples are too noisy to know them."""
+    """Estimate body rates at some times of an interval, (m, 3) rad/s; NaN where the samples are too noisy."""
     half = max(SHORTEST_S, 0.5 * (gyro.arw / accuracy) ** 2)
     out = np.full((t_s.size, 3), np.nan)
     if half > LONGEST_S:
@@ -68,25 +68,25 @@ def _estimate_rates(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: 
 
 
 def _find_forward_axes(rates: Array) -> NDArray[np.str_]:
-    """Forward axes of the references of an interval, from rates (m, 3) in orbit rates."""
+    """Find the forward axes of the references of an interval, from rates (m, 3) in orbit rates."""
     out = np.full(len(rates), "", dtype="<U2")
     velocity = _compute_velocity(rates)
-    alike = velocity @ HEADING_VECTORS.T
+    similarity = velocity @ HEADING_VECTORS.T
     pointing = _is_nadir_pointing(rates)
     steady = pointing & (np.abs(rates[:, 2]) < NADIR_RATE_TOLERANCE)
-    out[steady] = FLIGHT_DIRECTIONS[alike[steady].argmax(axis=1)]
+    out[steady] = FLIGHT_DIRECTIONS[similarity[steady].argmax(axis=1)]
     for row in np.flatnonzero(pointing & ~steady):
-        known = np.flatnonzero(steady)
-        neighbours = {*known[known < row][-1:], *known[known > row][:1]}
+        steady_rows = np.flatnonzero(steady)
+        neighbours = {*steady_rows[steady_rows < row][-1:], *steady_rows[steady_rows > row][:1]}
         choices = (
             np.isin(FLIGHT_DIRECTIONS, out[list(neighbours)]) if neighbours else np.ones(FLIGHT_DIRECTIONS.size, dtype=bool)
         )
-        out[row] = FLIGHT_DIRECTIONS[np.where(choices, alike[row], -np.inf).argmax()]
+        out[row] = FLIGHT_DIRECTIONS[np.where(choices, similarity[row], -np.inf).argmax()]
     return out
 
 
 def _compute_velocity(rates: Array) -> Array:
-    """ẑ × ω in the xy-plane, (m, 2), which is the direction of the velocity where the body points to nadir."""
+    """Compute ẑ × ω in the xy-plane, (m, 2): the direction of the velocity where the body points to nadir."""
     return np.column_stack([-rates[:, 1], rates[:, 0]])
 
 

@@ -33,7 +33,7 @@ MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.
 
 
 def simulate_gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]], period_s: float) -> pd.DataFrame:
-    """Table of t_s and gyro_temperature_c in some intervals, start and stop in s since the epoch; the orbit's period in s."""
+    """Simulate a table of t_s and gyro_temperature_c in intervals (start, stop), s since the epoch; period_s of the orbit."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     t_s = np.unique(np.concatenate([_list_times(start, stop) for start, stop in spans]))
@@ -48,8 +48,8 @@ def simulate_table_acceleration(rng: np.random.Generator, t_s: Array, quaternion
 
     _, rows = np.unique(t_s, return_index=True)
     upward = STANDARD_GRAVITY * convert_to_matrix(quaternions[rows])[:, :, 2]
-    shown = upward + ACCELERATION_NOISE * rng.standard_normal(upward.shape)
-    return pd.DataFrame({"t_s": t_s[rows], **{f"gyro_{ACCELERATION.format(k)}": shown[:, i] for i, k in enumerate("xyz")}})
+    readings = upward + ACCELERATION_NOISE * rng.standard_normal(upward.shape)
+    return pd.DataFrame({"t_s": t_s[rows], **{f"gyro_{ACCELERATION.format(k)}": readings[:, i] for i, k in enumerate("xyz")}})
 
 
 def _list_times(start: float, stop: float) -> Array:
@@ -58,16 +58,16 @@ def _list_times(start: float, stop: float) -> Array:
 
 def compute_temperature_change(effect: str, stream: Stream, parameters: Parameters) -> Array:
     """Compute T − mean T (n,) of the named housekeeping column, or of a temperature, the gyro's before others."""
-    wanted, housekeeping = str(parameters.get("column", "")), stream.housekeeping
-    fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]
+    column, housekeeping = str(parameters.get("column", "")), stream.housekeeping
+    fitting = [name for name in housekeeping if (name == column if column else name.endswith(SUFFIX))]
     if not fitting:
-        there = ", ".join(housekeeping) or "no housekeeping"
-        raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
+        columns = ", ".join(housekeeping) or "no housekeeping"
+        raise InputError(f"{effect}: no housekeeping column {column or '…' + SUFFIX}; there is {columns}")
     temperature = housekeeping[min(fitting, key=lambda name: "gyro" not in name)]
     return np.asarray(temperature - temperature.mean())
 
 
 def no_temperature(around: Surroundings) -> str | None:
-    """Reason why an effect that follows a temperature cannot act; None if it can."""
-    there = any(name.endswith(SUFFIX) for name in around.stream.housekeeping)
-    return None if there else f"the recording has no housekeeping column …{SUFFIX}"
+    """Give the reason why an effect that follows a temperature cannot act; None if it can."""
+    has_column = any(name.endswith(SUFFIX) for name in around.stream.housekeeping)
+    return None if has_column else f"the recording has no housekeeping column …{SUFFIX}"

@@ -2,7 +2,7 @@
 
 Amplitudes (size cos φ, size sin φ) make it linear; the period is not. Where nothing states it, it may be any between what the
 spacing of the references can show and the whole time from the first of them to the last, even in its logarithm. One phase goes
-through all intervals, so that two periods are told apart by how they differ over the whole time, gaps included.
+through all intervals, so that two periods are separated by their difference over the whole time, gaps included.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ PLANNED_PERIODS = 16  # periods of a plan, for which nothing can be scanned
 
 
 def compute_period_band(around: Surroundings) -> tuple[float, float] | None:
-    """Shortest and longest period that can show, s; None without a series of references."""
+    """Compute the shortest and longest period that can show, s; None without a series of references."""
     spacing, arc = measure_reference_arc(around)
     if not arc > 2 * SHORTEST_PERIOD_SPACINGS * spacing:
         return None
@@ -42,20 +42,20 @@ class Sinusoid(Effect):
     order: int = 1
 
     def build_waves(self, t_s: Array, orbit_period_s: float, parameters: Parameters) -> Array:
-        """Sine and cosine at some times (n,), s since the epoch; (n, 2)."""
+        """Build sine and cosine at some times (n,), s since the epoch; (n, 2)."""
         return harmonic(t_s, orbit_period_s / self.order)
 
     def amplitudes(self, setting: Setting) -> Array:
-        """(size cos φ, size sin φ)."""
+        """Compute (size cos φ, size sin φ)."""
         return phase_amplitudes(setting)
 
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """Size and phase."""
+        """Convert to size and phase."""
         return convert_phase_amplitudes(amplitudes)
 
 
 def no_reference_series(around: Surroundings) -> str | None:
-    """Reason why a sinusoid of any period cannot be seen; None if it can."""
+    """Give the reason why a sinusoid of any period cannot be seen; None if it can."""
     return None if compute_period_band(around) else "it needs a series of references"
 
 
@@ -68,11 +68,11 @@ class Periodic(Sinusoid):
     scanned: bool = True
 
     def build_waves(self, t_s: Array, orbit_period_s: float, parameters: Parameters) -> Array:
-        """Sine and cosine at some times (n,), s since the epoch; (n, 2)."""
+        """Build sine and cosine at some times (n,), s since the epoch; (n, 2)."""
         return harmonic(t_s, number(parameters, "period_s"))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Some periods, evenly spaced in their logarithm."""
+        """List some periods, evenly spaced in their logarithm."""
         band = compute_period_band(around)
         if band is None:
             return ()

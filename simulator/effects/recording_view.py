@@ -21,7 +21,7 @@ FILLER = 1e15  # housekeeping as large as this is no measurement
 
 
 def find_interval_slices(recording: Recording) -> tuple[slice, ...]:
-    """The samples that start in each interval."""
+    """Find the samples that start in each interval."""
     t_s, half = recording.gyro.t_s, 0.5 * recording.gyro.sample_s
     edges = []
     for interval in recording.intervals:
@@ -34,7 +34,7 @@ def find_interval_slices(recording: Recording) -> tuple[slice, ...]:
 
 
 def compute_durations(recording: Recording) -> Array:
-    """Duration of each sample, s: the stated one, cut where its interval stops; (n,)."""
+    """Compute the duration of each sample, s: the stated one, cut where its interval stops; (n,)."""
     gyro = recording.gyro
     out = np.full(len(gyro.t_s), gyro.sample_s)
     for part, interval in zip(find_interval_slices(recording), recording.intervals, strict=True):
@@ -43,7 +43,7 @@ def compute_durations(recording: Recording) -> Array:
 
 
 def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
-    """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
+    """Smooth the adjusted rates G ω_raw + b of a recording, (n, 3) rad/s; unchanged outside the intervals."""
     gyro, duration = recording.gyro, compute_durations(recording)
     adjusted = gyro.rates @ G.T + bias
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
@@ -54,19 +54,19 @@ def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = 
 
 
 def extract_references(recording: Recording) -> References:
-    """The reference attitudes of a recording as an effect on them sees them, row by row."""
+    """Extract the reference attitudes of a recording as an effect on them sees them, row by row."""
     attitudes, interval = recording.attitudes, _find_intervals(recording)
     forward, heading = find_flight_directions(recording)
     return References(attitudes.t_s, attitudes.quaternions, interval, forward, read_period(recording), heading)
 
 
 def read_period(recording: Recording) -> float:
-    """The orbit's period, s; NaN if it is not stated."""
+    """Read the orbit's period, s; NaN if it is not stated."""
     return float("nan") if recording.orbit is None else recording.orbit.period_s
 
 
 def _find_intervals(recording: Recording) -> NDArray[np.intp]:
-    """Index of the interval each reference belongs to; one that two intervals share belongs to the first."""
+    """Find the interval of each reference; one that two intervals share belongs to the first."""
     out = np.full(len(recording.attitudes.t_s), -1, dtype=np.intp)
     for number, interval in enumerate(recording.intervals):
         rows = find_reference_rows(recording.attitudes.t_s, interval)
@@ -75,7 +75,7 @@ def _find_intervals(recording: Recording) -> NDArray[np.intp]:
 
 
 def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Array]:
-    """Numeric housekeeping columns at some times, linear between their rows in order of time; (n,) each.
+    """Interpolate numeric housekeeping columns at some times, linearly between rows in order of time; (n,) each.
 
     Missing values, and fillers in their place, are left out.
     """

@@ -127,7 +127,7 @@ class View(Mapping[str, Kind]):
 
 
 def collect_effects(source: object) -> list[Effect]:
-    """The effects that an entry point or a module gives."""
+    """Collect the effects that an entry point or a module gives."""
     if isinstance(source, ModuleType):
         given = [getattr(source, name) for name in ("EFFECT", "EFFECTS") if hasattr(source, name)]
         if not given:

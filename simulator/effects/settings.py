@@ -14,7 +14,7 @@ from simulator.effects.registry import REGISTRY
 
 
 def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, Value] | None = None) -> Setting:
-    """A validated setting, defaults filled in.
+    """Build a validated setting, defaults filled in.
 
     An `InputError` of one line if effect, axis or parameter are unknown, or a value is not finite or out of bounds.
     """
@@ -30,10 +30,10 @@ def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, V
 
 
 def parse(text: str) -> Setting:
-    """A setting from text such as "bias_orbital:y=0.2,phase_deg=30" or "dss_head:2=0.28".
+    """Parse a setting from text such as "bias_orbital:y=0.2,phase_deg=30" or "dss_head:2=0.28".
 
     Of an effect of several angles the text has the norm as its size and their direction; the setting has the angles themselves.
-    An `InputError` of one line says what is wrong with it.
+    An `InputError` of one line says what is wrong.
     """
     name, axis, size, parameters = split_text(text)
     if not name:
@@ -45,7 +45,7 @@ def parse(text: str) -> Setting:
 
 
 def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
-    """Split the text of an effect into its name, axis, size and parameters; what is not given is empty, an axis None."""
+    """Split the text of an effect into its name, axis, size and parameters; empty if not given, an axis None."""
     head, *rest = (part.strip() for part in text.split(","))
     label, _, size = (part.strip() for part in head.partition("="))
     name, colon, axis = (part.strip() for part in label.partition(":"))
@@ -61,7 +61,7 @@ def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
 
 
 def tabulate_setting(chosen: Setting) -> dict[str, object]:
-    """A setting for a JSON file, with its unit."""
+    """Tabulate a setting for a JSON file, with its unit."""
     return {
         "effect": chosen.effect,
         "axis": chosen.axis,

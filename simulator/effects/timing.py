@@ -22,33 +22,33 @@ FEWEST_CUBIC_SAMPLES = 3  # samples that fix a cubic by themselves; with less, t
 
 
 def compute_edges(duration_s: Array) -> Array:
-    """Time of the samples' edges from the first, s; (n,) → (n + 1,)."""
+    """Compute the time of the samples' edges from the first, s; (n,) → (n + 1,)."""
     return np.append(0.0, np.cumsum(duration_s))
 
 
 def build_angle_spline(rates: Array, duration_s: Array) -> CubicSpline:
-    """Θ as a spline over `compute_edges`, (n, 3) rad/s and (n,) s."""
+    """Build Θ as a spline over `compute_edges`, of (n, 3) rad/s and (n,) s."""
     from scipy.interpolate import CubicSpline  # late: a calibration loads all effects and needs no spline
 
     angle = np.vstack([np.zeros(3), np.cumsum(rates * duration_s[:, None], axis=0)])
-    few = len(rates) < FEWEST_CUBIC_SAMPLES
-    return CubicSpline(compute_edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if few else "not-a-knot")
+    is_short = len(rates) < FEWEST_CUBIC_SAMPLES
+    return CubicSpline(compute_edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if is_short else "not-a-knot")
 
 
 def extend_spline(spline: CubicSpline, t: Array) -> Array:
-    """Θ(t) with constant rate outside of the spline's range; (n,) → (n, 3)."""
+    """Evaluate Θ(t) with constant rate outside of the spline's range; (n,) → (n, 3)."""
     inside = np.clip(t, spline.x[0], spline.x[-1])
     return np.asarray(spline(inside) + (t - inside)[:, None] * spline(inside, 1))
 
 
 def delay_rates(raw: Array, stream: Stream, delay_s: Array) -> Array:
-    """Read each noise-free sample (n, 3), rad/s, at [t − delay, t − delay + Δ) in place of [t, t + Δ); the delays (n,) in s."""
+    """Read noise-free samples (n, 3), rad/s, at [t − delay, t − delay + Δ) in place of [t, t + Δ); delays (n,) in s."""
     out = raw.copy()
     for part in list_runs(stream.t_s, stream.duration_s, stream.intervals):
-        duration, late = stream.duration_s[part], delay_s[part]
+        duration, delay = stream.duration_s[part], delay_s[part]
         spline, tags = build_angle_spline(raw[part], duration), compute_edges(duration)
-        turned = extend_spline(spline, tags[1:] - late) - extend_spline(spline, tags[:-1] - late)
-        out[part] = turned / duration[:, None]
+        angle = extend_spline(spline, tags[1:] - delay) - extend_spline(spline, tags[:-1] - delay)
+        out[part] = angle / duration[:, None]
     return out
 
 

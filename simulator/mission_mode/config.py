@@ -1,4 +1,4 @@
-"""What a Mission Mode run is made of: the spacecraft as it is, the tables its computer works with, and the days they change.
+"""Configuration of a Mission Mode run: the spacecraft as it is, its computer's tables, and the days on which they change.
 
 Published by R: orbit, mass, four wheels in a pyramid, control at 2 Hz, the sensors' layout, R (3) with the penetration biases,
 the heads' angles, (c, d) of R (6), R (9), the days of the uploads. Not published, and chosen here: inertia, wheels and
@@ -69,7 +69,7 @@ class TrueGyro:
 
 @dataclass(frozen=True)
 class OnBoardTables:
-    """What the ground uploads."""
+    """Tables that the ground uploads."""
 
     G: Array = field(default_factory=lambda: PRELAUNCH_G)  # (3, 3) of the gyro
     # (3,) of the gyro, rad/s; that of yaw is solved for on board from there on. None leaves the present one.
@@ -97,7 +97,7 @@ class Controller:
     damping: float = 0.8  # ζ
     integral_s: float = 300.0  # time constant of the integral part, s: gain I ω² / integral_s
     integral_limit: float = 1.0  # largest integral of an error, rad s
-    bias_gain: float = 1.0  # share of what a yaw update says of the yaw bias that is taken; 1 as R words it
+    bias_gain: float = 1.0  # share of the yaw bias by a yaw update that is applied; 1 as R words it
     # (3,) what the gains and the feed-forward are formed with, kg m²
     inertia: Array = field(default_factory=lambda: np.array([8500.0, 6000.0, 9500.0]))
     unloading: float = 2e-3  # k of the cross-product law, 1/s
@@ -115,7 +115,7 @@ class YawManeuver:
 
 @dataclass(frozen=True)
 class HorizonError:
-    """What the radiance of the CO₂ horizon does to the Earth sensor's angles."""
+    """Errors of the Earth sensor's angles by the radiance of the CO₂ horizon."""
 
     sigma: float = 0.0  # of a first-order Markov process in each quadrant, rad
     time_constant_s: float = 250.0
@@ -164,7 +164,7 @@ class MissionConfig:
 
 
 def apply_compensation(coefficients: Array, c: float, d: float) -> Array:
-    """R (6): b₁ → c b₁ + d, and b₂, b₃, b₆ times c, of b (9,)."""
+    """Apply R (6): b₁ → c b₁ + d, and b₂, b₃, b₆ times c, of b (9,)."""
     out = np.array(coefficients, dtype=float)
     out[[0, 1, 2, 5]] *= c
     out[0] += d
@@ -180,7 +180,7 @@ def fit_crossing_compensation(
     nominal: Array,
     coefficients: Array = sun_sensor.SIMULATED_BETA_COEFFICIENTS,
 ) -> tuple[float, float]:
-    """(c, d) of R (6) for the least error of β at the yaw update.
+    """Fit (c, d) of R (6) for the least error of β at the yaw update.
 
     Least squares over the bracket of R (5) with the Sun in the body's XY plane, and α read as it is, of a sensor as it is, M
     (3, 3) on board, N (3, 3), and b (9,) on board before.
@@ -188,18 +188,18 @@ def fit_crossing_compensation(
     side = np.sign(nominal[0, 2])
     angle = np.deg2rad(np.linspace(*CROSSING_ANGLES_DEG, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
-    seen = [sun_sensor.compute_head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
+    tangents = [sun_sensor.compute_head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
     counts = [
-        sun_sensor.compute_counts(*direction, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for direction in seen
+        sun_sensor.compute_counts(*direction, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for direction in tangents
     ]
     bracket = np.tan(np.array([compute_head_angle(count, coefficients) for count in counts]) - coefficients[8])
-    wanted = body @ nominal @ on_board
-    slope, offset = np.polyfit(bracket, np.tan(np.arctan(wanted[:, 1] / wanted[:, 2]) - coefficients[8]), 1)
+    expected = body @ nominal @ on_board
+    slope, offset = np.polyfit(bracket, np.tan(np.arctan(expected[:, 1] / expected[:, 2]) - coefficients[8]), 1)
     return float(slope), float(offset)
 
 
 def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
-    """Tables of R's uploads, with one of which the S filter is turned off, the remedy that R describes.
+    """Build the tables of R's uploads, one of which turns the S filter off, the remedy that R describes.
 
     The first, of December 11, has R (3) for DSS-2 and the penetration biases. The second, of February 27 and 28, has the gyro's
     R (9), and b coefficients by R (6) with (c, d) as printed or by `fit_crossing_compensation` for the sensors of the config.
@@ -217,7 +217,7 @@ def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
 
 
 def build_period_tables(config: MissionConfig | None = None) -> dict[str, OnBoardTables]:
-    """Tables of R Table 3's periods: precalibration, calibration1, postcalibration, each with a bias to start from."""
+    """Build tables of R Table 3's periods: precalibration, calibration1, postcalibration, each with a starting bias."""
     config = config or MissionConfig()
     first, second = build_uploads(config)
     third = replace(second, bias=R9_BIAS)

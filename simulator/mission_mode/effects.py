@@ -1,4 +1,4 @@
-"""What may be wrong with the nominal Mission Mode, by name: `gyrocal mission --effect NAME=SIZE[,PARAMETER=VALUE…]`.
+"""Deviations from the nominal Mission Mode, by name: `gyrocal mission --effect NAME=SIZE[,PARAMETER=VALUE…]`.
 
 An effect changes the config that the loop flies. Sizes are in the effect's unit; zero is the nominal spacecraft unless the
 text says otherwise. They are effects of a whole spacecraft in its control loop and not of a recording, and so are apart from
@@ -59,7 +59,7 @@ def _set_horizon_season(config: MissionConfig, size: float, parameters: Paramete
 
 
 def _set_transfer_scale(config: MissionConfig, size: float, parameters: Parameters) -> MissionConfig:
-    """The true β of DSS-2 has another scale than the tables, about the angle at which the ground aligned it.
+    """Give the true β of DSS-2 another scale than the tables, about the angle at which the ground aligned it.
 
     B_true = (1 + s) B − s B₀ with the bracket B of R (5), and B₀ that of the yaw update at the alignment's sun angle: an
     alignment made there has taken out what the scale does there.
@@ -102,10 +102,16 @@ ALL_MISSION_EFFECTS = (
         _set_elevation,
         {"tilt_deg": 20.0},
     ),
-    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0),
-    _set_printed_coefficients), MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload",
-    (0.0, 1.0), _set_late_filter), MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables",
-    (-0.05, 0.05), _set_transfer_scale), MissionEffect(
+    MissionEffect(
+        "printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0), _set_printed_coefficients
+    ),
+    MissionEffect(
+        "late_filter_upload", "", "1: the S filter is turned off with the second upload", (0.0, 1.0), _set_late_filter
+    ),
+    MissionEffect(
+        "dss_transfer", "1", "the β head of DSS-2 has another scale than the tables", (-0.05, 0.05), _set_transfer_scale
+    ),
+    MissionEffect(
         "horizon_noise", "deg", "radiance of the horizon: noise of each quadrant that is correlated in time", (0.0, 1.0),
         _set_horizon_noise, {"tau_s": TAU_S},
     ),
@@ -114,17 +120,19 @@ ALL_MISSION_EFFECTS = (
         (-1.0, 1.0), _set_horizon_season,
     ),
     MissionEffect("gyro_walk", "deg/h/sqrt(day)", "random walk of the gyro's bias", (0.0, 10.0), _set_rate_walk, axes=AXES),
-    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9),
-    _set_bias_gain), MissionEffect(
+    MissionEffect(
+        "bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9), _set_bias_gain
+    ),
+    MissionEffect(
         "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
         (-100.0, 100.0), _set_cross_track_error, {"phase_deg": 0.0},
     ),
 )  # fmt: skip
-MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL_MISSION_EFFECTS}
+MISSION_EFFECTS: Mapping[str, MissionEffect] = {effect.name: effect for effect in ALL_MISSION_EFFECTS}
 
 
 def parse(text: str) -> MissionSetting:
-    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` of one line that says what is wrong with it."""
+    """Parse NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` is one line that says what is wrong with it."""
     name, axis, size, given = split_text(text)
     effect = MISSION_EFFECTS.get(name)
     if effect is None:

@@ -5,7 +5,7 @@
     >>> len(run.orbits), len(run.telemetry)
     (2, 100)
 
-`MissionConfig` says what is flown, `simulator.mission_mode.loop` flies it. A run goes from event to event, an upload or the
+`MissionConfig` configures the run, `simulator.mission_mode.loop` simulates it. A run goes from event to event, an upload or the
 start or end of a yaw maneuver, with everything constant in between. Errors are those of the commanded frame of
 `simulator.mission_mode.target_frame`, small angles about the body axes with A_true = exp(−[ε×]) A_commanded; knowledge is
 estimate − ε.
@@ -34,6 +34,8 @@ from simulator.truth.orbit import compute_lvlh_rate
 from simulator.truth.rotation import convert_to_quaternion
 from simulator.truth.sun import compute_julian_date, compute_sun_vector
 
+Event = OnBoardTables | YawManeuver | str  # an upload, the start of a maneuver, its "end", or the end of a "day"
+
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
 SECONDS_PER_HOUR = 3600.0
 SLEW_NUMBERS = (
@@ -45,7 +47,7 @@ SLEW_NUMBERS = (
 
 @dataclass(frozen=True)
 class MissionRun:
-    """What a run leaves; angles in degrees."""
+    """Tables of a run; angles in degrees."""
 
     # every so many cycles: t_s, error_*_deg and estimate_*_deg of roll, pitch, yaw, bias_yaw_deg_h on board, wheel_*_nms
     # (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update), raw_*_deg_s
@@ -74,13 +76,13 @@ def simulate_mission(
     telemetry_every: int | None = 120,
     progress: Callable[[int], None] | None = None,
 ) -> MissionRun:
-    """Fly a run from its epoch.
+    """Simulate a run from its epoch.
 
     A `ValueError` if not one of days and seconds is given, nothing is to be flown, or a yaw maneuver starts within another one.
 
     Parameters
     ----------
-    config : what is flown
+    config : of the run
     days, seconds : how long; one of them
     seed : of the noise; one seed gives one run, and uploads do not change what is drawn
     telemetry_every : cycles from one row of telemetry to the next; None for no telemetry
@@ -89,8 +91,8 @@ def simulate_mission(
     if (days is None) == (seconds is None):
         raise ValueError("give days or seconds, not both")
     span = seconds if seconds is not None else DAY * (days or 0.0)
-    cycle = config.controller.cycle_s
-    cycles = round(span / cycle)
+    cycle_s = config.controller.cycle_s
+    cycles = round(span / cycle_s)
     if cycles < 1 or (telemetry_every is not None and telemetry_every < 1):
         raise ValueError("the time and telemetry_every must be positive")
     stops = [maneuver.start_s + maneuver.duration_s for maneuver in config.maneuvers]
@@ -102,7 +104,7 @@ def simulate_mission(
 
 
 def build_flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
-    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane, for some days.
+    """Schedule R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane, for some days.
 
     Alignment on December 11, the gyro and DSS coefficients on February 27, 1998. A maneuver is centred on its crossing.
     """
@@ -121,11 +123,11 @@ class _Flight:
 
     def __init__(self, config: MissionConfig, cycles: int, seed: int):
         self.config, self.cycles = config, cycles
-        self.cycle = config.controller.cycle_s
+        self.cycle_s = config.controller.cycle_s
         self.rng, self.extra = generator(seed, 0, "mission_mode"), generator(seed, 0, "mission_effects")
         self.wander = generator(seed, 0, "mission_walk")
-        orbits = int((cycles - 1) * self.cycle / config.orbit.period) + 1
-        self.plant = _build_plant(config, cycles * self.cycle)
+        orbits = int((cycles - 1) * self.cycle_s / config.orbit.period) + 1
+        self.plant = _build_plant(config, cycles * self.cycle_s)
         self.orbits = np.zeros((orbits, ORBIT_COLUMNS))
         self.updates = np.empty((2 * orbits + 4, len(UPDATES)))
         self.tables = config.tables
@@ -133,59 +135,57 @@ class _Flight:
         self.state = _build_initial_state(config, self.extra)
 
     def fly(self, every: int, telemetry: Array, progress: Callable[[int], None] | None) -> MissionRun:
-        """All of it."""
-        slew, count, k, bias = self._build_resting_slew(), 0, 0, 0.0
+        """Fly from event to event; telemetry (rows, 21) gets a row every so many cycles."""
+        slew, updates, cycle, bias = self._build_resting_slew(), 0, 0, 0.0
         slews: list[dict[str, float | str]] = []
-        for at, what in [*self._list_events(progress is not None), (self.cycles, None)]:
+        for event_cycle, event in [*self._list_events(progress is not None), (self.cycles, None)]:
             sensors = _build_flight_sensors(self.config, self.tables)
             tables = _build_tables(self.config, self.tables)
-            outputs = every, telemetry, self.updates, count, self.orbits
-            count = fly(self.rng, self.extra, self.wander, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
-            k = at
-            if what == "day" and progress is not None:
+            streams, outputs = (self.rng, self.extra, self.wander), (every, telemetry, self.updates, updates, self.orbits)
+            updates = fly(*streams, cycle, event_cycle, self.plant, sensors, tables, slew, self.state, *outputs)
+            cycle = event_cycle
+            if event == "day" and progress is not None:
                 progress(1)
-            elif isinstance(what, OnBoardTables):
-                self.tables = what
-                if what.bias is not None:
-                    self.state.bias[:] = what.bias
-            elif isinstance(what, YawManeuver):
+            elif isinstance(event, OnBoardTables):
+                self.tables = event
+                if event.bias is not None:
+                    self.state.bias[:] = event.bias
+            elif isinstance(event, YawManeuver):
                 bias = float(self.state.bias[2])
                 angle = np.pi if self.forward == "+x" else -np.pi  # N: +180° from +x to −x, −180° back
-                slew = Slew(slew.yaw, angle, what.start_s, what.duration_s, what.ramp_fraction)
-            elif what == "end":
+                slew = Slew(slew.yaw, angle, event.start_s, event.duration_s, event.ramp_fraction)
+            elif event == "end":
                 self.forward = "-x" if self.forward == "+x" else "+x"
                 slews.append(self._tabulate_slew(slew, bias))
                 slew = self._build_resting_slew()
         table = pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS])
-        return MissionRun(_tabulate(telemetry, TELEMETRY), self._tabulate_updates(count), table, self._tabulate_orbits())
+        return MissionRun(_tabulate(telemetry, TELEMETRY), self._tabulate_updates(updates), table, self._tabulate_orbits())
 
-    def _list_events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
-        """Cycle before which each event takes place, in order; a maneuver that the run does not see the end of is left out."""
-        events: list[tuple[int, OnBoardTables | YawManeuver | str]] = [
-            (int(np.ceil(at / self.cycle)), tables) for at, tables in self.config.uploads
-        ]
+    def _list_events(self, daily: bool) -> list[tuple[int, Event]]:
+        """List events in order, each with the cycle before which it takes place; without maneuvers that end after the run."""
+        events: list[tuple[int, Event]] = [(int(np.ceil(t_s / self.cycle_s)), tables) for t_s, tables in self.config.uploads]
         for maneuver in self.config.maneuvers:
             # A cycle before the start, where the true error is noted, and one after the end.
-            start = int(np.floor(maneuver.start_s / self.cycle))
-            stop = int(np.floor((maneuver.start_s + maneuver.duration_s) / self.cycle)) + 1
+            start = int(np.floor(maneuver.start_s / self.cycle_s))
+            stop = int(np.floor((maneuver.start_s + maneuver.duration_s) / self.cycle_s)) + 1
             if stop <= self.cycles:
                 events += [(start, maneuver), (stop, "end")]
-        day = round(DAY / self.cycle)
+        day = round(DAY / self.cycle_s)
         events += [(k, "day") for k in range(day, self.cycles, day) if daily]
-        return sorted(((max(at, 0), what) for at, what in events if at < self.cycles), key=lambda event: event[0])
+        return sorted(((max(cycle, 0), event) for cycle, event in events if cycle < self.cycles), key=lambda entry: entry[0])
 
     def _build_resting_slew(self) -> Slew:
         return Slew(0.0 if self.forward == "+x" else np.pi, 0.0, 0.0, 0.0, 0.5)
 
     def _tabulate_slew(self, slew: Slew, bias: float) -> dict[str, float | str]:
-        """Errors at the end of a slew: of pointing, and of targeting, which is that less what the gyro alone has."""
-        last = self.state.past[0]
-        targeting = np.rad2deg(last - self.state.probe)
+        """Tabulate errors at a slew's end: of pointing, and of targeting, pointing less the error propagated by gyro alone."""
+        error = self.state.past[0]
+        targeting = np.rad2deg(error - self.state.probe)
         return {
             "start_s": slew.start,
             "stop_s": slew.start + slew.duration,
             "forward": self.forward,
-            **{f"pointing_{axis}_deg": value for axis, value in zip(ROTATION_NAMES, np.rad2deg(last), strict=True)},
+            **{f"pointing_{axis}_deg": value for axis, value in zip(ROTATION_NAMES, np.rad2deg(error), strict=True)},
             **{f"targeting_{axis}_deg": value for axis, value in zip(ROTATION_NAMES, targeting, strict=True)},
             "bias_yaw_deg_h": np.rad2deg(bias) * SECONDS_PER_HOUR,
         }
@@ -212,14 +212,18 @@ class _Flight:
         return pd.DataFrame({**table, "three_quadrants": rows[:, 23] / samples})
 
     def _find_forward_axis(self, t: NDArray[np.floating]) -> NDArray[np.str_]:
-        """Axis along the velocity at times t, a maneuver counting from its middle."""
-        flown = [m for m in self.config.maneuvers if m.start_s + m.duration_s < self.cycles * self.cycle]
-        swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in flown], t)
+        """Find the axis along the velocity at times t, a maneuver counting from its middle."""
+        finished = [
+            maneuver
+            for maneuver in self.config.maneuvers
+            if maneuver.start_s + maneuver.duration_s < self.cycles * self.cycle_s
+        ]
+        swaps = np.searchsorted([maneuver.start_s + 0.5 * maneuver.duration_s for maneuver in finished], t)
         return np.where((swaps + (self.config.forward == "-x")) % 2 == 0, "+x", "-x")
 
 
 def _tabulate(values: Array, names: tuple[str, ...]) -> pd.DataFrame:
-    """A table of values in radians and seconds, its columns in the units of their names."""
+    """Tabulate values in radians and seconds, in the units of their columns' names."""
     table = pd.DataFrame(values, columns=list(names))
     for name in names:
         if name.endswith(("_deg", "_deg_s", "_deg_h")):
@@ -232,7 +236,7 @@ def _build_plant(config: MissionConfig, span: float) -> Plant:
     axes = build_wheel_pyramid(body.elevation)
     start = compute_julian_date(config.epoch)
     moments = np.arange(0.0, span + 2 * SUN_STEP, SUN_STEP)
-    carried = orbit.inclination + config.ephemeris.inclination
+    inclination_on_board = orbit.inclination + config.ephemeris.inclination
     return Plant(
         dt=config.controller.cycle_s,
         body=body,
@@ -246,7 +250,7 @@ def _build_plant(config: MissionConfig, span: float) -> Plant:
         nodal_rate=orbit.nodal_rate,
         cos_i=float(np.cos(orbit.inclination)),
         sin_i=float(np.sin(orbit.inclination)),
-        on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
+        on_board=np.array([config.ephemeris.node, np.cos(inclination_on_board), np.sin(inclination_on_board)]),
         radius=orbit.radius,
         sidereal=compute_sidereal_angle(start),
         sun=np.ascontiguousarray(compute_sun_vector(start + moments / DAY)),
@@ -254,25 +258,25 @@ def _build_plant(config: MissionConfig, span: float) -> Plant:
 
 
 def _build_flight_sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
-    gyro, cycle, pair = config.gyro, config.controller.cycle_s, config.sun_sensors
+    gyro, cycle_s, sun_sensors = config.gyro, config.controller.cycle_s, config.sun_sensors
     earth = replace(config.earth_sensor, s_filter=tables.s_filter)
     return Sensors(
         inverse_G=np.asarray(np.linalg.inv(gyro.G)),
-        gyro_sigma=gyro.arw / float(np.sqrt(cycle)),
-        walk_sigma=np.broadcast_to(np.asarray(gyro.rrw, dtype=float), 3) * np.sqrt(cycle),
+        gyro_sigma=gyro.arw / float(np.sqrt(cycle_s)),
+        walk_sigma=np.broadcast_to(np.asarray(gyro.rrw, dtype=float), 3) * np.sqrt(cycle_s),
         magnetometer_sigma=config.magnetometer_sigma,
         earth=earth.constants,
-        earth_gain=earth.gain(cycle),
-        horizon_keep=float(np.exp(-cycle / config.horizon.time_constant_s)),
+        earth_gain=earth.gain(cycle_s),
+        horizon_keep=float(np.exp(-cycle_s / config.horizon.time_constant_s)),
         horizon_sigma=config.horizon.sigma,
         horizon_season=config.horizon.season,
         season_phase=YEARLY * (compute_julian_date(config.epoch) - compute_julian_date(COLDEST)) * DAY,
-        alignments=np.stack([sensor.alignment for sensor in pair]),
-        heads=np.stack([sensor.head for sensor in pair]),
-        a=np.stack([sensor.coefficients_alpha for sensor in pair]),
-        b=np.stack([sensor.coefficients_beta for sensor in pair]),
-        half_fov=np.array([sensor.half_fov for sensor in pair]),
-        noise=np.array([sensor.noise for sensor in pair]),
+        alignments=np.stack([sensor.alignment for sensor in sun_sensors]),
+        heads=np.stack([sensor.head for sensor in sun_sensors]),
+        a=np.stack([sensor.coefficients_alpha for sensor in sun_sensors]),
+        b=np.stack([sensor.coefficients_beta for sensor in sun_sensors]),
+        half_fov=np.array([sensor.half_fov for sensor in sun_sensors]),
+        noise=np.array([sensor.noise for sensor in sun_sensors]),
     )
 
 
@@ -296,10 +300,10 @@ def _build_tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
 
 
 def _build_initial_state(config: MissionConfig, rng: np.random.Generator) -> State:
-    """On the commanded frame and turning with it, the wheels at rest, the estimate right."""
-    cycle, orbit = config.controller.cycle_s, config.orbit
+    """Build the state on the commanded frame and turning with it, the wheels at rest, the estimate right."""
+    cycle_s, orbit = config.controller.cycle_s, config.orbit
     yaw = 0.0 if config.forward == "+x" else np.pi
-    before, now = compute_commanded_attitude(orbit, np.array([-cycle, 0.0]), yaw)
+    before, now = compute_commanded_attitude(orbit, np.array([-cycle_s, 0.0]), yaw)
     rate = compute_lvlh_rate(orbit, np.zeros(1))[0] * np.array([np.cos(yaw), np.cos(yaw), 1.0])
     bias = np.zeros(3) if config.tables.bias is None else config.tables.bias
     return State(
@@ -307,9 +311,9 @@ def _build_initial_state(config: MissionConfig, rng: np.random.Generator) -> Sta
         omega=rate,
         wheels=np.zeros(4),
         true_bias=np.array(config.gyro.bias, dtype=float),
-        turned=rate * cycle,
+        body_turn=rate * cycle_s,
         frame=before,
-        moved=rate * cycle,
+        frame_turn=rate * cycle_s,
         estimate=np.zeros(3),
         probe=np.zeros(3),
         integral=np.zeros(3),
@@ -317,6 +321,6 @@ def _build_initial_state(config: MissionConfig, rng: np.random.Generator) -> Sta
         s_filter=np.full(4, np.nan),
         quadrants=np.ones(4, dtype=np.bool_),
         horizon=config.horizon.sigma * rng.standard_normal(4) if config.horizon.sigma > 0 else np.zeros(4),
-        past=np.zeros((max(1, math.floor(1.0 / cycle + 1e-9)), 3)),
+        past=np.zeros((max(1, math.floor(1.0 / cycle_s + 1e-9)), 3)),
         memory=np.array([0.0, NEVER, 0.0, 0.0]),
     )

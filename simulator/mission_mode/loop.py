@@ -7,8 +7,8 @@ the body's XY plane; the torque
     T = −K_p ε − K_i ∫ε − K_d ω_e + ω × (I ω + h) + I ω_c'
 
 with the rate error ω_e = ω − ω_c + ε × ω_c; its distribution to the wheels and the torquers' moment; and the step of
-`simulator.mission_mode.rigid_body` to the next cycle. Everything it reads is in named tuples of numbers and arrays, everything
-it changes in `State`, and what it writes grows with the rows asked for only.
+`simulator.mission_mode.rigid_body` to the next cycle. All inputs are in named tuples of numbers and arrays, all that changes is
+in `State`, and the output grows with the requested rows only.
 """
 
 import math
@@ -22,8 +22,8 @@ from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propaga
 from simulator.mission_mode.rigid_body import compute_attitude_matrix, multiply, step_rigid_body
 from simulator.mission_mode.state import NEVER, SUN_STEP, Plant, Sensors, Slew, State, Tables, compute_yaw_command, count_orbit
 from simulator.mission_mode.target_frame import compute_geodetic_axes, compute_lvlh_axes, compute_rotation_between, turn_about_z
-from simulator.mission_mode.wheels import WHEELS, compute_unloading_moment, distribute
-from simulator.sensors.earth import compute_roll_pitch, measure
+from simulator.mission_mode.wheels import WHEELS, compute_unloading_moment, distribute_torque
+from simulator.sensors.earth import compute_roll_pitch, measure_quadrants
 from simulator.sensors.horizon import COSINES, SINES
 from simulator.sensors.sun import compute_sensor_counts
 
@@ -40,23 +40,23 @@ def _simulate_gyro(
     state: State,
     tables: Tables,
     apparent: Array,
-    turned: Array,
+    gyro_turn: Array,
     raw: Array,
 ) -> None:
-    """On-board rotation over the last cycle in turned (3,), rad, ω − G ω_raw of it in apparent and ω_raw in raw (3,), rad/s."""
+    """Simulate the gyro's last cycle: write gyro_turn (3,), rad, apparent ω − G ω_raw and raw ω_raw (3,), rad/s."""
     dt = plant.dt
     # Number by number: an expression of whole arrays takes a second or two to compile, a copy of slices another.
-    d_x = state.turned[0] / dt - state.true_bias[0]
-    d_y = state.turned[1] / dt - state.true_bias[1]
-    d_z = state.turned[2] / dt - state.true_bias[2]
+    d_x = state.body_turn[0] / dt - state.true_bias[0]
+    d_y = state.body_turn[1] / dt - state.true_bias[1]
+    d_z = state.body_turn[2] / dt - state.true_bias[2]
     inverse = sensors.inverse_G
     for i in range(3):
         raw[i] = inverse[i, 0] * d_x + inverse[i, 1] * d_y + inverse[i, 2] * d_z
         raw[i] += sensors.gyro_sigma * rng.standard_normal()
     for i in range(3):
         rate = tables.G[i, 0] * raw[0] + tables.G[i, 1] * raw[1] + tables.G[i, 2] * raw[2]
-        apparent[i] = state.turned[i] / dt - rate
-        turned[i] = (rate + state.bias[i]) * dt
+        apparent[i] = state.body_turn[i] / dt - rate
+        gyro_turn[i] = (rate + state.bias[i]) * dt
         if sensors.walk_sigma[i] > 0.0:
             state.true_bias[i] += sensors.walk_sigma[i] * wander.standard_normal()
 
@@ -96,7 +96,7 @@ def _update_yaw(
     updates: Array,
     count: int,
 ) -> int:
-    """One yaw update if the Sun is seen; the number of rows of updates so far."""
+    """Update the yaw if the Sun is in view; return the number of rows of updates so far."""
     s_x = frame[0, 0] * sun[0] + frame[0, 1] * sun[1] + frame[0, 2] * sun[2]
     s_y = frame[1, 0] * sun[0] + frame[1, 1] * sun[1] + frame[1, 2] * sun[2]
     i = 0 if s_x > 0.0 else 1
@@ -114,8 +114,8 @@ def _update_yaw(
     )
     if not visible:
         return count
-    seen = compute_sun_azimuth(float(n_alpha), float(n_beta), tables.a[i], tables.b[i], tables.alignments[i])
-    measured = wrap_angle(math.atan2(s_y, s_x) - seen)
+    azimuth = compute_sun_azimuth(float(n_alpha), float(n_beta), tables.a[i], tables.b[i], tables.alignments[i])
+    measured = wrap_angle(math.atan2(s_y, s_x) - azimuth)
     size = measured - state.estimate[2]
     interval = t - state.memory[1]
     solve = state.memory[1] > NEVER and interval >= SHORTEST_BIAS_INTERVAL
@@ -130,20 +130,20 @@ def _update_yaw(
 
 @compile_cached
 def _compute_wanted_torque(
-    rate: Array, moved: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
+    rate: Array, frame_turn: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
 ) -> None:
-    """The control law of the module's text; rate (3,) by the gyro and moved (3,) rad of the frame; torque (3,) is written."""
+    """Write the torque (3,) of the module's control law; rate (3,) by the gyro and frame_turn (3,), rad."""
     dt, e = plant.dt, state.estimate
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         if integrate:
             total = state.integral[i] + e[i] * dt
             state.integral[i] = min(max(total, -tables.integral_limit), tables.integral_limit)
-        slip = rate[i] + (-moved[i] + e[j] * moved[k] - e[k] * moved[j]) / dt
+        slip = rate[i] + (-frame_turn[i] + e[j] * frame_turn[k] - e[k] * frame_turn[j]) / dt
         gyroscopic = rate[j] * (tables.inertia[k] * rate[k] + momentum[k]) - rate[k] * (
             tables.inertia[j] * rate[j] + momentum[j]
         )
-        forward = tables.inertia[i] * (moved[i] - state.moved[i]) / (dt * dt)
+        forward = tables.inertia[i] * (frame_turn[i] - state.frame_turn[i]) / (dt * dt)
         torque[i] = (
             gyroscopic
             + forward
@@ -166,7 +166,7 @@ def _compute_outer_torque(
     tables: Tables,
     torque: Array,
 ) -> float:
-    """Torque of the air and of the moments in the field, body axes, in torque (3,); the largest moment of a torquer."""
+    """Write the torque (3,) of the air and of the moments in the field, body axes; return the largest moment of a torquer."""
     body, r = plant.body, -plant.radius
     b_x, b_y, b_z = compute_dipole_field(
         r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, DIPOLE
@@ -202,9 +202,9 @@ def _compute_outer_torque(
 def _interpolate_sun(t: float, table: Array, sun: Array) -> None:
     """Write the direction of the Sun (3,) at t from its table, a row every `SUN_STEP`."""
     index = int(t / SUN_STEP)
-    share = t / SUN_STEP - index
+    fraction = t / SUN_STEP - index
     for i in range(3):
-        sun[i] = (1.0 - share) * table[index, i] + share * table[index + 1, i]
+        sun[i] = (1.0 - fraction) * table[index, i] + fraction * table[index + 1, i]
 
 
 @compile_cached
@@ -217,10 +217,10 @@ def _project_wheels(axes: Array, by_wheel: Array, total: Array) -> None:
 
 
 @compile_cached
-def _update_roll_and_pitch(seen: Array, biases: Array, quadrants: Mask, angles: Array, estimate: Array) -> None:
+def _update_roll_and_pitch(limbs: Array, biases: Array, quadrants: Mask, angles: Array, estimate: Array) -> None:
     """Replace roll and pitch of the on-board estimate (3,) by those of the Earth sensor, its biases (4,) taken out, rad."""
     for j in range(4):
-        angles[j] = seen[j] - biases[j]
+        angles[j] = limbs[j] - biases[j]
     roll, pitch = compute_roll_pitch(angles, quadrants)
     if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
         estimate[0], estimate[1] = roll, pitch
@@ -228,7 +228,7 @@ def _update_roll_and_pitch(seen: Array, biases: Array, quadrants: Mask, angles: 
 
 @compile_cached
 def _write_telemetry(
-    t: float, error: Array, raw: Array, seen: Array, used: int, normal: bool, state: State, row: Array
+    t: float, error: Array, raw: Array, limbs: Array, used: int, normal: bool, state: State, row: Array
 ) -> None:
     """Write one row (21,) of telemetry, in the order of TELEMETRY."""
     row[0], row[7] = t, state.bias[2]
@@ -238,7 +238,7 @@ def _write_telemetry(
     for j in range(WHEELS):
         row[8 + j] = state.wheels[j]
     for j in range(4):
-        row[17 + j] = seen[j]
+        row[17 + j] = limbs[j]
 
 
 @compile_cached
@@ -290,10 +290,10 @@ def fly(
     """
     dt, body = plant.dt, plant.body
     lvlh, frame, A = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    error, moved, turned = np.empty(3), np.empty(3), np.empty(3)
+    error, frame_turn, gyro_turn = np.empty(3), np.empty(3), np.empty(3)
     apparent, rate, momentum, torque, outer = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     noise, angles, wheel_torque, reaction = np.empty(8), np.empty(4), np.empty(WHEELS), np.empty(3)
-    sun, position, raw, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
+    sun, position, raw, limbs = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
     period = 2.0 * math.pi / plant.mean_motion
     for k in range(first, last):
         t = k * dt
@@ -301,7 +301,7 @@ def fly(
         compute_lvlh_axes(u, node + plant.on_board[0], plant.on_board[1], plant.on_board[2], lvlh)
         compute_geodetic_axes(lvlh, plant.radius, frame)
         turn_about_z(frame, compute_yaw_command(t, slew))
-        compute_rotation_between(state.frame, frame, moved)
+        compute_rotation_between(state.frame, frame, frame_turn)
         compute_lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
         for i in range(3):
             position[i] = -plant.radius * lvlh[2, i]
@@ -316,37 +316,39 @@ def fly(
             for i in range(3):
                 state.probe[i] = error[i]
         # On board.
-        _simulate_gyro(rng, wander, plant, sensors, state, tables, apparent, turned, raw)
-        propagate_error(state.estimate, turned, moved)
+        _simulate_gyro(rng, wander, plant, sensors, state, tables, apparent, gyro_turn, raw)
+        propagate_error(state.estimate, gyro_turn, frame_turn)
         if slewing:
-            propagate_error(state.probe, turned, moved)
+            propagate_error(state.probe, gyro_turn, frame_turn)
         for j in range(8):
             noise[j] = rng.standard_normal()
-        measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, seen)
-        _simulate_horizon(extra, t, A, position, sensors, state, seen)
+        measure_quadrants(
+            A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, limbs
+        )
+        _simulate_horizon(extra, t, A, position, sensors, state, limbs)
         used = 0
         for j in range(4):
             used += 1 if state.quadrants[j] else 0
         if used >= 3 and not slewing:
-            _update_roll_and_pitch(seen, tables.penetration_biases, state.quadrants, angles, state.estimate)
+            _update_roll_and_pitch(limbs, tables.penetration_biases, state.quadrants, angles, state.estimate)
         height = frame[2, 0] * sun[0] + frame[2, 1] * sun[1] + frame[2, 2] * sun[2]
         if height * state.memory[0] < 0.0 and not slewing:
             count = _update_yaw(rng, t, A, frame, sun, error[2], sensors, state, tables, updates, count)
         state.memory[0] = height
         for i in range(3):
-            rate[i] = turned[i] / dt
-        _compute_wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
+            rate[i] = gyro_turn[i] / dt
+        _compute_wanted_torque(rate, frame_turn, momentum, not slewing, plant, state, tables, torque)
         # Actuators, and what the body does of it.
-        distribute(torque, plant.distribution, state.wheels, body.torque_limit, body.momentum_limit, dt, wheel_torque)
+        distribute_torque(torque, plant.distribution, state.wheels, body.torque_limit, body.momentum_limit, dt, wheel_torque)
         largest = _compute_outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
         normal = state.memory[2] == 0.0
         count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)
         row = k // every
         if k % every == 0 and row < len(telemetry):
-            _write_telemetry(t, error, raw, seen, used, normal, state, telemetry[row])
+            _write_telemetry(t, error, raw, limbs, used, normal, state, telemetry[row])
         _shift_errors(state.past, error)
         for i in range(3):
-            state.moved[i], state.turned[i] = moved[i], 0.0
+            state.frame_turn[i], state.body_turn[i] = frame_turn[i], 0.0
             for j in range(3):
                 state.frame[i, j] = frame[i, j]
         state.memory[3] += 1.0
@@ -366,6 +368,6 @@ def fly(
             plant.mean_motion,
             plant.gradient,
             dt,
-            state.turned,
+            state.body_turn,
         )
     return count

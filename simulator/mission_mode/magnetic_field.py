@@ -28,13 +28,13 @@ EARTH_RATE = math.radians(360.98564736629) / 86400.0  # rad/s
 
 
 def compute_sidereal_angle(julian_date: float) -> float:
-    """Right ascension of Greenwich, rad, at a Julian date (UT)."""
+    """Compute the right ascension of Greenwich, rad, at a Julian date (UT)."""
     return math.radians((280.46061837 + 360.98564736629 * (julian_date - J2000)) % 360.0)
 
 
 @compile_cached
 def compute_dipole_field(x: float, y: float, z: float, angle: float, dipole: Array) -> tuple[float, float, float]:
-    """Inertial field, T, of an Earth-fixed dipole d (3,), T, at an inertial position, m; angle: that of Greenwich, rad."""
+    """Compute the inertial field, T, of an Earth-fixed dipole (3,), T, at an inertial position, m; angle of Greenwich, rad."""
     cosine, sine = math.cos(angle), math.sin(angle)
     d_x, d_y, d_z = cosine * dipole[0] - sine * dipole[1], sine * dipole[0] + cosine * dipole[1], dipole[2]
     square = x * x + y * y + z * z

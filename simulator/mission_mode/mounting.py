@@ -1,4 +1,4 @@
-"""How the sun sensors sit: where they look, and the mounting that a ground's alignment would read as R (3).
+"""Mounting of the sun sensors: their boresights, and the mounting that a ground's alignment would read as R (3).
 
 Boresights
     "The bore-sight orientations were chosen so as to maximize the time during which DSS data was available." Twice 96° of an
@@ -49,22 +49,22 @@ MOUNTING_NEWTON_STEPS = 4  # steps; the first leaves 1e-5 of the angles
 def build_mounted_sensors(
     mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS
 ) -> tuple[TrueSunSensor, TrueSunSensor]:
-    """TRMM's sun sensors with the flight's heads, at nominal tilt toward −Y and elevation toward nadir, rad; see the module."""
+    """Build TRMM's sun sensors with the flight's heads, at nominal tilt toward −Y and elevation toward nadir, rad."""
     turns = solve_turns(boresights) if mounting == "solved" else (np.eye(3), np.eye(3))
     return sun_sensor.build_trmm_sensors(boresights[0], turns, (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2), boresights[1])
 
 
 @lru_cache(maxsize=8)
 def solve_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
-    """M of both sensors as they sit, (3, 3) each, for which `fit_on_ground` finds no common rotation and R (3)."""
+    """Solve for M of both sensors as they sit, (3, 3) each, for which `fit_on_ground` finds no common rotation and R (3)."""
     U, _, V = np.linalg.svd(R3_M)
-    wanted = np.concatenate([np.zeros(3), Rotation.from_matrix(U @ V).as_rotvec()])
+    target = np.concatenate([np.zeros(3), Rotation.from_matrix(U @ V).as_rotvec()])
     turns = np.zeros(6)
     for _ in range(MOUNTING_NEWTON_STEPS):
         tangents = fit_on_ground(turns, boresights)
         step = 1e-5
         J = np.stack([(fit_on_ground(turns + step * axis, boresights) - tangents) / step for axis in np.eye(6)], axis=1)
-        turns = turns - np.linalg.solve(J, tangents - wanted)
+        turns = turns - np.linalg.solve(J, tangents - target)
     return _build_rotation(turns[:3]), _build_rotation(turns[3:])
 
 
@@ -75,17 +75,17 @@ def fit_on_ground(turns: Array, boresights: tuple[float, float]) -> Array:
     and the rotation vector of DSS-2's M, (6,) rad.
     """
     sun = compute_sun_path(ALIGNED_AT)
-    seen, heads = [], (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2)
+    measurements, heads = [], (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2)
     for N, turn, head in zip(sun_sensor.build_trmm_alignments(*boresights), turns.reshape(2, 3), heads, strict=True):
         s = sun @ (N @ _build_rotation(turn))
         head_tangents = [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
         tangents = np.array(head_tangents)
         view = (np.abs(tangents) <= np.tan(sun_sensor.SIMULATED_HALF_FOV)).all(axis=1)
-        seen.append((sun[view], N, np.arctan(tangents[view])))
+        measurements.append((sun[view], N, np.arctan(tangents[view])))
 
     def compute_error(x: Array) -> Array:
         parts = []
-        for (path, N, angles), turn in zip(seen, (np.zeros(3), x[3:]), strict=True):
+        for (path, N, angles), turn in zip(measurements, (np.zeros(3), x[3:]), strict=True):
             s = path @ _build_rotation(x[:3]).T @ N @ _build_rotation(turn)
             parts.append(np.arctan2(s[:, :2], s[:, 2:]) - angles)
         return np.concatenate(parts).ravel()
@@ -99,7 +99,7 @@ def fit_on_ground(turns: Array, boresights: tuple[float, float]) -> Array:
 
 
 def compute_sun_path(angles_deg: tuple[float, ...]) -> Array:
-    """(n, 3) directions of the Sun in the body, `PATH_STEP` of an orbit apart, where it is not eclipsed, at some sun angles."""
+    """Compute the Sun's directions (n, 3) in the body, `PATH_STEP` of an orbit apart, outside eclipse, at some sun angles."""
     height = np.deg2rad(np.arange(0.0, 360.0, PATH_STEP))
     parts = []
     for angle in np.deg2rad(angles_deg):

@@ -26,26 +26,26 @@ from gyrocal.jit_cache import compile_cached
 
 
 @compile_cached
-def propagate_error(error: Array, turned: Array, moved: Array) -> None:
-    """Equation (1), to second order in the frame's turn: ε (3,) in place, of φ by the gyro and φ_c, all in rad."""
+def propagate_error(error: Array, gyro_turn: Array, frame_turn: Array) -> None:
+    """Propagate ε (3,) in place by (1), to second order in the frame's turn, with φ by the gyro and φ_c, all in rad."""
     x, y, z = error[0], error[1], error[2]
-    a, b, c = moved[0], moved[1], moved[2]
+    a, b, c = frame_turn[0], frame_turn[1], frame_turn[2]
     f_x, f_y, f_z = b * z - c * y, c * x - a * z, a * y - b * x
-    error[0] = x - f_x + 0.5 * (b * f_z - c * f_y) + turned[0] - a
-    error[1] = y - f_y + 0.5 * (c * f_x - a * f_z) + turned[1] - b
-    error[2] = z - f_z + 0.5 * (a * f_y - b * f_x) + turned[2] - c
+    error[0] = x - f_x + 0.5 * (b * f_z - c * f_y) + gyro_turn[0] - a
+    error[1] = y - f_y + 0.5 * (c * f_x - a * f_z) + gyro_turn[1] - b
+    error[2] = z - f_z + 0.5 * (a * f_y - b * f_x) + gyro_turn[2] - c
 
 
 @compile_cached
 def compute_head_angle(count: float, k: Array) -> float:
-    """Angle of a head's count by R (5) with coefficients k (9,), rad."""
+    """Compute the angle of a head's count by R (5) with coefficients k (9,), rad."""
     bracket = k[0] + k[1] * count + k[2] * math.sin(k[3] * count + k[4]) + k[5] * math.sin(k[6] * count + k[7])
     return math.atan(bracket) + k[8]
 
 
 @compile_cached
 def compute_sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:
-    """Azimuth of the Sun about body z, from x toward y, rad, by R (5), (4) and (1); coefficients (9,), alignment N M.
+    """Compute the Sun's azimuth about body z, x toward y, rad, by R (5), (4) and (1); coefficients (9,), alignment N M.
 
     (4)'s normalisation does not change it and is left out.
     """
@@ -57,5 +57,5 @@ def compute_sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, align
 
 @compile_cached
 def wrap_angle(angle: float) -> float:
-    """An angle brought to −π ≤ angle < π, rad."""
+    """Wrap an angle to −π ≤ angle < π, rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -27,7 +27,7 @@ Quad = tuple[float, float, float, float]
 
 @compile_cached
 def compute_attitude_matrix(q: Array, out: Array) -> None:
-    """A(q), inertial to body, of a quaternion (4,), scalar last, into out (3, 3)."""
+    """Compute A(q), inertial to body, of a quaternion (4,), scalar last, into out (3, 3)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
     out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
@@ -36,7 +36,7 @@ def compute_attitude_matrix(q: Array, out: Array) -> None:
 
 @compile_cached(inline="always")
 def multiply(M: Array, x: float, y: float, z: float) -> Triple:
-    """Product of a matrix (3, 3) and a vector."""
+    """Multiply a matrix (3, 3) and a vector."""
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
         M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
@@ -48,7 +48,7 @@ def multiply(M: Array, x: float, y: float, z: float) -> Triple:
 def _compute_acceleration(
     inertia: Array, inverse: Array, q: Quad, w: Triple, h: Triple, torque: Triple, z: Triple, gradient: float
 ) -> Triple:
-    """ω' of (1); torque is T − w, z inertial, gradient 3 n²."""
+    """Compute ω' of (1); torque is T − w, z inertial, gradient 3 n²."""
     a, b, c, d = q
     z_x = (1 - 2 * (b * b + c * c)) * z[0] + 2 * (a * b + c * d) * z[1] + 2 * (a * c - b * d) * z[2]
     z_y = 2 * (a * b - c * d) * z[0] + (1 - 2 * (a * a + c * c)) * z[1] + 2 * (b * c + a * d) * z[2]
@@ -66,7 +66,7 @@ def _compute_acceleration(
 
 @compile_cached(inline="always")
 def _differentiate_quaternion(q: Quad, w: Triple) -> Quad:
-    """q' of (1)."""
+    """Compute q' of (1)."""
     a, b, c, d = q
     x, y, z = 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]
     return (d * x + b * z - c * y, d * y - a * z + c * x, d * z + a * y - b * x, -a * x - b * y - c * z)
@@ -86,9 +86,9 @@ def step_rigid_body(
     mean_motion: float,
     gradient: float,
     dt: float,
-    turned: Array,
+    rotation: Array,
 ) -> None:
-    """One step of (1), in place.
+    """Step (1) once, in place.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def step_rigid_body(
     mean_motion : n, rad/s
     gradient : 3 n² of (2), 1/s²; 0 without gravity gradient
     dt : s
-    turned : (3,) the integral of ω over the step is added, rad
+    rotation : (3,) the integral of ω over the step is added, rad
     """
     half = 0.5 * dt
     c, s = math.cos(mean_motion * half), math.sin(mean_motion * half)
@@ -127,7 +127,7 @@ def step_rigid_body(
     a4, p4 = _compute_acceleration(inertia, inverse, q4, w4, h4, total, z4, gradient), _differentiate_quaternion(q4, w4)
     sixth = dt / 6.0
     for i in range(3):
-        turned[i] += sixth * (w1[i] + 2.0 * (w2[i] + w3[i]) + w4[i])
+        rotation[i] += sixth * (w1[i] + 2.0 * (w2[i] + w3[i]) + w4[i])
         omega[i] = w1[i] + sixth * (a1[i] + 2.0 * (a2[i] + a3[i]) + a4[i])
         momentum[i] = h4[i]
     norm = 0.0

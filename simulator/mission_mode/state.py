@@ -1,4 +1,4 @@
-"""What the compiled loop of Mission Mode reads, changes and writes; see `simulator.mission_mode.loop`."""
+"""Inputs, state and outputs of the compiled loop of Mission Mode; see `simulator.mission_mode.loop`."""
 
 import math
 from typing import NamedTuple
@@ -33,7 +33,7 @@ SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by les
 
 
 class Plant(NamedTuple):
-    """What the spacecraft and its surroundings are; SI, radians."""
+    """The spacecraft and its surroundings; SI, radians."""
 
     dt: float
     body: Spacecraft
@@ -75,7 +75,7 @@ class Sensors(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """On board: gyro G, penetration biases, N M and coefficients of the sun sensors, gains and slew."""
+    """Tables on board: gyro G, penetration biases, N M and coefficients of the sun sensors, gains."""
 
     G: Array
     penetration_biases: Array
@@ -102,15 +102,15 @@ class Slew(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a cycle changes."""
+    """State that a cycle changes."""
 
     q: Array  # (4,) inertial to body
     omega: Array  # (3,) rad/s
     wheels: Array  # (4,) N m s
     true_bias: Array  # (3,) rad/s
-    turned: Array  # (3,) rotation over the cycle before, rad
+    body_turn: Array  # (3,) rotation of the body over the cycle before, rad
     frame: Array  # (3, 3) commanded, of the cycle before
-    moved: Array  # (3,) its rotation in the cycle before that, rad
+    frame_turn: Array  # (3,) rotation of that frame in the cycle before that, rad
     estimate: Array  # (3,) ε, rad
     probe: Array  # (3,) ε propagated by gyro alone since the slew's start, rad
     integral: Array  # (3,) rad s
@@ -124,7 +124,7 @@ class State(NamedTuple):
 
 @compile_cached
 def compute_yaw_command(t: float, slew: Slew) -> float:
-    """Yaw commanded at a time; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
+    """Compute the commanded yaw, rad; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
     if slew.duration <= 0.0 or t <= slew.start:
         return slew.yaw
     s = (t - slew.start) / slew.duration
@@ -133,8 +133,8 @@ def compute_yaw_command(t: float, slew: Slew) -> float:
     r = slew.ramp
     rise, fall = min(s / r, 1.0), min(max((s - 1.0 + r) / r, 0.0), 1.0)
     coast = max(s - r, 0.0)
-    share = r * rise**3 * (1.0 - 0.5 * rise) + coast - r * fall**3 * (1.0 - 0.5 * fall)
-    return slew.yaw + slew.angle * share / (1.0 - r)
+    turned_share = r * rise**3 * (1.0 - 0.5 * rise) + coast - r * fall**3 * (1.0 - 0.5 * fall)
+    return slew.yaw + slew.angle * turned_share / (1.0 - r)
 
 
 @compile_cached

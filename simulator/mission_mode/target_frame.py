@@ -33,7 +33,7 @@ LATITUDE_ITERATIONS = 3  # of the iteration for the latitude; leaves less than 1
 
 @compile_cached
 def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:
-    """LVLH axes as in `simulator.truth.orbit`, the rows of out (3, 3), at an argument of latitude and a node, rad."""
+    """Write LVLH axes, see `simulator.truth.orbit`, to the rows of out (3, 3), at an argument of latitude and a node, rad."""
     cu, su, cn, sn = math.cos(u), math.sin(u), math.cos(node), math.sin(node)
     out[0, 0], out[0, 1], out[0, 2] = -su * cn - cu * cos_i * sn, -su * sn + cu * cos_i * cn, cu * sin_i
     out[1, 0], out[1, 1], out[1, 2] = -sin_i * sn, sin_i * cn, -cos_i
@@ -42,7 +42,7 @@ def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Ar
 
 @compile_cached
 def compute_geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:
-    """Rows of the geodetic frame, in out (3, 3), from LVLH axes (3, 3) and the distance from the Earth's centre, m."""
+    """Write the geodetic frame to the rows of out (3, 3), from LVLH axes (3, 3) and the distance from the Earth's centre, m."""
     x, y, z = -radius * lvlh[2, 0], -radius * lvlh[2, 1], -radius * lvlh[2, 2]
     rho = math.sqrt(x * x + y * y)
     slope = z / rho
@@ -73,7 +73,7 @@ def turn_about_z(frame: Array, yaw: float) -> None:
 
 @compile_cached
 def compute_rotation_between(before: Array, after: Array, out: Array) -> None:
-    """Small rotation vector φ with after = exp(−[φ×]) before, rad, in out (3,); relative error |φ|⁴/15.
+    """Write the small vector φ with after = exp(−[φ×]) before, rad, to out (3,); relative error |φ|⁴/15.
 
     With M = after beforeᵀ, the vector ½ (M₂₃ − M₃₂, M₃₁ − M₁₃, M₁₂ − M₂₁) is φ sin|φ|/|φ|.
     """
@@ -92,15 +92,15 @@ def compute_rotation_between(before: Array, after: Array, out: Array) -> None:
 def compute_commanded_attitude(
     orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0, node_error: float = 0.0, inclination_error: float = 0.0
 ) -> Array:
-    """Attitude matrices (n, 3, 3) of the commanded frame, inertial to commanded, at times (n,), s since the orbit's epoch.
+    """Compute the commanded frame, inertial to commanded, (n, 3, 3), at times (n,), s since the orbit's epoch.
 
     The yaw κ from the velocity, (n,) or one, and the errors of the ephemeris that the frame is formed of are in rad.
     """
     times = np.atleast_1d(np.asarray(t, dtype=float))
     yaws = np.broadcast_to(np.asarray(yaw, dtype=float), times.shape)
     out, lvlh = np.empty((len(times), 3, 3)), np.empty((3, 3))
-    carried = orbit.inclination + inclination_error
-    cos_i, sin_i = math.cos(carried), math.sin(carried)
+    inclination = orbit.inclination + inclination_error
+    cos_i, sin_i = math.cos(inclination), math.sin(inclination)
     for k, time in enumerate(times):
         u, node = orbit.latitude_argument + orbit.mean_motion * time, orbit.node + node_error + orbit.nodal_rate * time
         compute_lvlh_axes(u, node, cos_i, sin_i, lvlh)

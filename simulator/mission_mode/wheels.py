@@ -26,17 +26,17 @@ EQUAL_ELEVATION = math.asin(1 / math.sqrt(3))  # rad; the pyramid alike in all d
 
 
 def build_wheel_pyramid(elevation: float = EQUAL_ELEVATION) -> Array:
-    """Spin axes W, (3, 4) unit columns, of a pyramid about body z; elevation above the XY plane in rad."""
+    """Build spin axes W, (3, 4) unit columns, of a pyramid about body z; elevation above the XY plane in rad."""
     azimuth = np.deg2rad([45.0, 135.0, 225.0, 315.0])
     flat = math.cos(elevation) * np.stack([np.cos(azimuth), np.sin(azimuth)])
     return np.concatenate([flat, np.full((1, WHEELS), math.sin(elevation))])
 
 
 @compile_cached
-def distribute(
+def distribute_torque(
     torque: Array, distribution: Array, momentum: Array, torque_limit: float, momentum_limit: float, dt: float, out: Array
 ) -> None:
-    """Wheel torques for a torque on the body.
+    """Distribute a torque on the body to the wheels.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def distribute(
 def compute_unloading_moment(
     h_x: float, h_y: float, h_z: float, b_x: float, b_y: float, b_z: float, gain: float, limit: float
 ) -> tuple[float, float, float]:
-    """Moment m of the torquers by the cross-product law.
+    """Compute the moment m of the torquers by the cross-product law.
 
     Parameters
     ----------

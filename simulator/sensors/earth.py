@@ -56,7 +56,7 @@ NOISE_DRAWS = 2 * QUADRANTS  # standard normal numbers a measurement takes
 
 
 class Constants(NamedTuple):
-    """What the compiled functions need of a `TrueEarthSensor`; angles in rad, radiances in that of the Earth."""
+    """Numbers of a `TrueEarthSensor` for the compiled functions; angles in rad, radiances in that of the Earth."""
 
     a: float
     c: float
@@ -131,13 +131,13 @@ class TrueEarthSensor:
         )
 
     def gain(self, sample_s: float) -> float:
-        """Gain g of the S filter for samples of a length in s."""
+        """Compute the gain g of the S filter for samples of a length in s."""
         return -math.expm1(-sample_s / self.s_time_constant)
 
 
 @compile_cached
 def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> float:
-    """Cosine of the angle between a quadrant's nominal limb direction and the Sun, sun (3,) an inertial unit vector."""
+    """Compute the cosine between a quadrant's nominal limb direction and the Sun, sun (3,) an inertial unit vector."""
     x = A[0, 0] * sun[0] + A[0, 1] * sun[1] + A[0, 2] * sun[2]
     y = A[1, 0] * sun[0] + A[1, 1] * sun[1] + A[1, 2] * sun[2]
     z = A[2, 0] * sun[0] + A[2, 1] * sun[1] + A[2, 2] * sun[2]
@@ -146,7 +146,7 @@ def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> f
 
 @compile_cached
 def is_sun_intruding(A: Array, position: Array, sun: Array, quadrant: int, nominal: float, cos_field: float) -> bool:
-    """Whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
+    """Tell whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
 
     A (3, 3) is the true attitude, or the estimated one for a prediction; the position, m, and the Sun's unit vector are
     inertial, the limb's nominal angle from +z is in rad.
@@ -168,7 +168,7 @@ def sum_limb_signals(angle: float, offset: float, width: float) -> float:
 
 @compile_cached
 def filter_s(state: float, S: float, used: bool, was_used: bool, gain: float, mode: int, restart: float) -> float:
-    """S_f after one sample.
+    """Filter S by one sample to S_f.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def filter_s(state: float, S: float, used: bool, was_used: bool, gain: float, mo
 
 
 @compile_cached
-def measure(
+def measure_quadrants(
     A: Array,
     A_onboard: Array,
     position: Array,
@@ -201,7 +201,7 @@ def measure(
     used: Mask,
     angles: Array,
 ) -> None:
-    """One sample of all four quadrants.
+    """Measure one sample of all four quadrants.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def measure(
 
 @compile_cached
 def compute_roll_pitch(angles: Array, used: Mask) -> tuple[float, float]:
-    """Roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of one sample of angles (4,) and flags (4,).
+    """Compute roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of angles (4,) and flags (4,).
 
     NaN with fewer than three quadrants.
     """
@@ -255,7 +255,7 @@ def compute_roll_pitch(angles: Array, used: Mask) -> tuple[float, float]:
 def observe(
     rng: np.random.Generator, sensor: TrueEarthSensor, t: Array, A: Array, position: Array, sun: Array
 ) -> tuple[Array, Mask]:
-    """Penetration angles of a series, the prediction of the Sun's intrusion made with the true attitude.
+    """Simulate penetration angles of a series; the Sun's intrusion is predicted with the true attitude.
 
     Parameters
     ----------
@@ -293,5 +293,5 @@ def _observe(
     for k in range(len(gains)):
         for j in range(NOISE_DRAWS):
             noise[j] = rng.standard_normal()
-        measure(A[k], A[k], position[k], sun[k], noise, gains[k], constants, state, flags, angles[k])
+        measure_quadrants(A[k], A[k], position[k], sun[k], noise, gains[k], constants, state, flags, angles[k])
         used[k] = flags

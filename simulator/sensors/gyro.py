@@ -15,12 +15,12 @@ from simulator.draws import add_normals, read_layers, state_words
 
 
 def compute_raw_rates(omega: Array, G: Array, bias: Array) -> Array:
-    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
+    """Compute noise-free raw rates G⁻¹ (ω − b), R (7); ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
     return np.asarray((omega - bias) @ np.linalg.inv(G).T)
 
 
 def add_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
-    """Rates with the white noise of the gyros' samples added, rad/s.
+    """Add the white noise of the gyros' samples to rates, rad/s.
 
     Drawing and adding in one compiled loop is several times faster than numpy's own; the numbers are the same to the bit.
 

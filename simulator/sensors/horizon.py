@@ -67,7 +67,7 @@ class Horizon:
 
 @compile_cached
 def compute_limb_angle(A: Array, position: Array, cos_azimuth: float, sin_azimuth: float, a: float, c: float) -> float:
-    """Angle η from body +z, rad, at which the line of sight at an azimuth ζ about +z, from +x toward +y, touches the horizon.
+    """Compute the angle η from body +z, rad, at which the line of sight at an azimuth ζ, from +x to +y, touches the horizon.
 
     A (3, 3) is inertial to body, position (3,) inertial, m, and a, c the equatorial and polar semi-axis, m. NaN if no line of
     the scan plane touches the horizon.
@@ -91,7 +91,7 @@ def compute_limb_angle(A: Array, position: Array, cos_azimuth: float, sin_azimut
 
 @compile_cached
 def compute_penetration(A: Array, position: Array, quadrant: int, a: float, c: float, nominal: float) -> float:
-    """True penetration angle of a quadrant 0..3, without bias, rad; NaN where the scan plane misses the Earth.
+    """Compute the true penetration angle of a quadrant 0..3, rad; NaN where the scan plane misses the Earth.
 
     a, c, nominal are the semi-axes, m, and the nominal angle, rad, of a `Horizon`; the attitude and position are the true ones.
     """
@@ -100,7 +100,7 @@ def compute_penetration(A: Array, position: Array, quadrant: int, a: float, c: f
 
 @compile_cached
 def is_hidden(position: Array, direction: Array, a: float, c: float) -> bool:
-    """Whether a line of sight from a position (3,), m, along a direction (3,) meets the ellipsoid of semi-axes a, c, m."""
+    """Tell whether a line of sight from a position (3,), m, along a direction (3,) meets the ellipsoid of semi-axes a, c, m."""
     p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
     q0, q1, q2 = direction[0] / a, direction[1] / a, direction[2] / c
     pq = p0 * q0 + p1 * q1 + p2 * q2
@@ -108,5 +108,5 @@ def is_hidden(position: Array, direction: Array, a: float, c: float) -> bool:
 
 
 def compute_orbit_position(orbit: CircularOrbit, t: Array) -> Array:
-    """Inertial position at times t (n,), s since the orbit's epoch; (n, 3), m."""
+    """Compute the inertial position at times t (n,), s since the orbit's epoch; (n, 3), m."""
     return np.asarray(-orbit.radius * compute_lvlh_attitude(orbit, t)[..., 2, :])

@@ -26,7 +26,7 @@ from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 
 
 def build_nominal_suite(sun_noise: float, earth_noise: float) -> SensorSuite:
-    """The sensors of M0; noises are 1-sigma of each angle, rad."""
+    """Build the sensors of M0; noises are 1-sigma of each angle, rad."""
     square = (np.zeros(3), np.zeros(3))
     first, second = (replace(sensor, noise=sun_noise) for sensor in build_trmm_sensors(heads=square))
     return SensorSuite((first, second), TrueEarthSensor(Horizon(), sigma=earth_noise, sigma_s=0.0, swing=0.0))
@@ -41,7 +41,7 @@ def simulate_sensor_tables(
     noise: bool = True,
     change: Callable[[SensorSuite], SensorSuite] | None = None,
 ) -> SensorTables | None:
-    """Raw tables of the sensors of a scenario, None if it has none.
+    """Simulate the raw sensor tables of a scenario, None if it has no sensors.
 
     An `InputError` if there is an effect on the sensors, and no sensors.
 

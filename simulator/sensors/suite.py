@@ -34,7 +34,7 @@ class SensorSuite:
 def simulate_sun_table(
     rng: np.random.Generator | None, sensors: tuple[TrueSunSensor, ...], t: Array, A: Array, position: Array, sun: Array
 ) -> pd.DataFrame:
-    """Counts of the sun sensors.
+    """Simulate the counts of the sun sensors.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def simulate_sun_table(
 def simulate_earth_table(
     rng: np.random.Generator, sensor: TrueEarthSensor, t: Array, A: Array, position: Array, sun: Array
 ) -> pd.DataFrame:
-    """Penetration angles of the Earth sensor; parameters as in `simulate_sun_table`.
+    """Simulate the penetration angles of the Earth sensor; parameters as in `simulate_sun_table`.
 
     Returns
     -------

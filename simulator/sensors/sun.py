@@ -64,7 +64,7 @@ class TrueSunSensor:
 
 
 def build_trmm_alignments(tilt: float = SIMULATED_BORESIGHT_TILT, elevation: float = 0.0) -> tuple[Array, Array]:
-    """Nominal sensor-to-body matrices of DSS-1 and DSS-2, (3, 3) each.
+    """Build the nominal sensor-to-body matrices of DSS-1 and DSS-2, (3, 3) each.
 
     The boresights z lie in the body's XY plane, `tilt` rad from +X (DSS-1) and −X (DSS-2) toward −Y, where the Sun is kept. y
     of each sensor lies in that plane, toward −Y, and x along +Z (DSS-1) and −Z (DSS-2): α vanishes when the Sun crosses the
@@ -83,7 +83,7 @@ def build_trmm_sensors(
     heads: tuple[Array, Array] = (HEAD_DSS1, HEAD_DSS2),
     elevation: float = 0.0,
 ) -> tuple[TrueSunSensor, TrueSunSensor]:
-    """TRMM's two sensors, DSS-1 toward +X and DSS-2 toward −X.
+    """Build TRMM's two sensors, DSS-1 toward +X and DSS-2 toward −X.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def compute_head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tu
 
 @compile_cached
 def _count(tangent: float, k: Array) -> float:
-    """Count N, unrounded, at which R (5) with coefficients k (9,) gives an angle of this tangent."""
+    """Compute the count N, unrounded, at which R (5) with coefficients k (9,) gives an angle of this tangent."""
     offset = tan(k[8])
     target = (tangent - offset) / (1.0 + tangent * offset)
     N = (target - k[0]) / k[1]
@@ -129,7 +129,7 @@ def _count(tangent: float, k: Array) -> float:
 
 @compile_cached
 def compute_counts(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:
-    """Counts (N_α, N_β), unrounded, of two tangents; a, b (9,) coefficients of R (5)."""
+    """Compute counts (N_α, N_β), unrounded, of two tangents; a, b (9,) coefficients of R (5)."""
     return _count(tan_alpha, a), _count(tan_beta, b)
 
 
@@ -145,7 +145,7 @@ def compute_sensor_counts(
     noise_alpha: float,
     noise_beta: float,
 ) -> tuple[int, int, bool]:
-    """Counts of both heads at one moment, and whether the Sun is in view of both; zeros when not.
+    """Compute the counts of both heads at one moment, and whether the Sun is in view of both; zeros when not.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def compute_sensor_counts(
 
 
 def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Mask]:
-    """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.is_eclipsed`).
+    """Simulate counts at a series of moments, without the Earth's shadow (see `simulator.truth.sun.is_eclipsed`).
 
     Parameters
     ----------

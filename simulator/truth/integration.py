@@ -45,7 +45,7 @@ class Trajectory:
 
 
 def integrate(rate: Rate, t: Array, start: Array, substeps: int = 1) -> Trajectory:
-    """Attitude along a grid of times.
+    """Integrate the attitude along a grid of times.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def integrate(rate: Rate, t: Array, start: Array, substeps: int = 1) -> Trajecto
 
 
 def compute_magnus_exponent(omega: Array, h: Array) -> tuple[Array, Array]:
-    """Magnus exponent σ and the integral of the rate, both (n, 3) rad, of n steps.
+    """Compute the Magnus exponent σ and the integral of the rate, both (n, 3) rad, of n steps.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def compute_magnus_exponent(omega: Array, h: Array) -> tuple[Array, Array]:
 
 @compile_cached
 def accumulate(start: Array, sigma: Array) -> Array:
-    """Attitudes (n + 1, 4) from a start (4,) on after rotation vectors (n, 3), rad: A_k = exp(−[σ_k×]) A_{k−1}."""
+    """Accumulate rotation vectors (n, 3), rad, from a start (4,): attitudes (n + 1, 4), A_k = exp(−[σ_k×]) A_{k−1}."""
     out = np.empty((sigma.shape[0] + 1, 4))
     x, y, z, w = start
     out[0] = start

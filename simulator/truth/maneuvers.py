@@ -1,4 +1,4 @@
-"""What the spacecraft does in one calibration interval, as an analytic body rate.
+"""Motion of the spacecraft in one calibration interval, as an analytic body rate.
 
 Every attitude here is that of the frame the orbit's nadir makes, A_li(t), by default LVLH (see `simulator.truth.nadir`),
 followed by single-axis turns, A = R(e_m, α_m) … R(e_1, α_1) A_li, and a turn changes a rate to
@@ -34,7 +34,7 @@ from gyrocal.errors import InputError
 from simulator.truth.integration import NODES, Trajectory, accumulate, compute_magnus_exponent, integrate
 from simulator.truth.nadir import compute_pointing_attitude, compute_pointing_rate
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import build_turn_matrix, convert_to_quaternion, separation, turned
+from simulator.truth.rotation import build_turn_matrix, convert_to_quaternion, separation, turn_frame
 
 AXIS_VECTORS = np.eye(3)
 MODE_YAW = {"+x": 0.0, "-x": np.pi, "+y": -np.pi / 2, "-y": np.pi / 2}
@@ -45,19 +45,19 @@ RETURN_TOLERANCE = 1e-12  # rad
 
 
 def smoothstep(x: Array) -> Array:
-    """3x² − 2x³ on [0, 1], 0 before and 1 after."""
+    """Compute 3x² − 2x³ on [0, 1], 0 before and 1 after."""
     x = np.clip(x, 0.0, 1.0)
     return x * x * (3 - 2 * x)
 
 
 def smoothstep_integral(x: Array) -> Array:
-    """∫₀ˣ of the smoothstep, x³ − x⁴/2, for x in [0, 1]; constant outside."""
+    """Compute ∫₀ˣ of the smoothstep, x³ − x⁴/2, for x in [0, 1]; constant outside."""
     x = np.clip(x, 0.0, 1.0)
     return x * x * x * (1 - x / 2)
 
 
 def pulse(x: Array) -> Array:
-    """30 x²(1 − x)² on [0, 1], 0 outside: unit area, zero value and slope at both ends."""
+    """Compute 30 x²(1 − x)² on [0, 1], 0 outside: unit area, zero value and slope at both ends."""
     x = np.clip(x, 0.0, 1.0)
     return 30 * x**2 * (1 - x) ** 2
 
@@ -84,7 +84,7 @@ class Slew:
         return self.start, self.start + ramp, self.stop - ramp, self.stop
 
     def angles(self, tau: Array) -> Array:
-        """Angle turned so far α(τ), rad; (n,) s → (n,)."""
+        """Compute the angle turned so far α(τ), rad; (n,) s → (n,)."""
         f = self.ramp_fraction
         s = (tau - self.start) / self.duration
         falling = np.clip((s - 1 + f) / f, 0.0, 1.0)
@@ -94,7 +94,7 @@ class Slew:
         return np.asarray(self.angle / (1 - f) * turned_share)
 
     def rates(self, tau: Array) -> Array:
-        """α'(τ), rad/s; (n,) s → (n,)."""
+        """Compute α'(τ), rad/s; (n,) s → (n,)."""
         f = self.ramp_fraction
         s = (tau - self.start) / self.duration
         peak = self.angle / (self.duration * (1 - f))
@@ -113,14 +113,14 @@ class Sway:
     phase: Array  # (3,) rad at the epoch
 
     def angles(self, start_s: float, tau: Array) -> Array:
-        """α per axis at the local times τ of an interval, rad; (n,) s → (n, 3)."""
-        return np.asarray(self.amplitude * np.sin(self._argument(start_s, tau)))
+        """Compute α per axis at the local times τ of an interval, rad; (n,) s → (n, 3)."""
+        return np.asarray(self.amplitude * np.sin(self._compute_phase(start_s, tau)))
 
     def rates(self, start_s: float, tau: Array) -> Array:
-        """α' per axis at the local times τ of an interval, rad/s; (n,) s → (n, 3)."""
-        return np.asarray(self.amplitude * (2 * np.pi / self.period) * np.cos(self._argument(start_s, tau)))
+        """Compute α' per axis at the local times τ of an interval, rad/s; (n,) s → (n, 3)."""
+        return np.asarray(self.amplitude * (2 * np.pi / self.period) * np.cos(self._compute_phase(start_s, tau)))
 
-    def _argument(self, start_s: float, tau: Array) -> Array:
+    def _compute_phase(self, start_s: float, tau: Array) -> Array:
         # start + τ, weeks after the epoch, would be rounded to 5e-10 s and roughen the rate.
         return np.asarray(2 * np.pi / self.period * (np.mod(start_s, self.period) + tau[:, None]) + self.phase)
 
@@ -140,13 +140,13 @@ class Hold:
         return self.start, self.start + self.transition, self.stop - self.transition, self.stop
 
     def fade(self, tau: Array, omega: Array) -> Array:
-        """s(τ) ω_T + p_in(τ) δ, rad/s, s being 1 outside the hold and 0 inside; (n,), (n, 3) → (n, 3)."""
+        """Compute s(τ) ω_T + p_in(τ) δ, rad/s, s being 1 outside the hold and 0 inside; (n,), (n, 3) → (n, 3)."""
         entering = (tau - self.start) / self.transition
-        share = 1 - smoothstep(entering) + smoothstep((tau - self.stop + self.transition) / self.transition)
-        return share[:, None] * omega + (pulse(entering) / self.transition)[:, None] * self.offset
+        tracking_share = 1 - smoothstep(entering) + smoothstep((tau - self.stop + self.transition) / self.transition)
+        return tracking_share[:, None] * omega + (pulse(entering) / self.transition)[:, None] * self.offset
 
     def compute_return_pulse(self, tau: Array) -> Array:
-        """p_out(τ), 1/s; (n,) → (n,)."""
+        """Compute p_out(τ), 1/s; (n,) → (n,)."""
         return pulse((tau - self.stop + self.transition) / self.transition) / self.transition
 
 
@@ -164,11 +164,11 @@ class Profile:
 
     @property
     def moving_spans(self) -> tuple[tuple[float, float], ...]:
-        """Local start and stop of what is not a constant-rate part: slews and transitions, s."""
+        """Local start and stop of the parts without constant rate, slews and transitions, s."""
         spans = [(slew.start, slew.stop) for slew in self.slews]
         if self.hold:
-            start, held, leaving, stop = self.hold.knots
-            spans += [(start, held), (leaving, stop)]
+            start, hold_start, hold_stop, stop = self.hold.knots
+            spans += [(start, hold_start), (hold_stop, stop)]
         return tuple(spans)
 
     @property
@@ -178,14 +178,14 @@ class Profile:
         return np.unique(np.concatenate(parts)) if parts else np.empty(0)
 
     def compute_tracking_rate(self, tau: Array) -> Array:
-        """Body rate of mode and slews alone, without hold and sway, rad/s; (n,) s → (n, 3)."""
-        omega = turned(AXIS_VECTORS[2], np.full(tau.shape, self.yaw), compute_pointing_rate(self.orbit, self.start_s + tau))
+        """Compute the body rate of mode and slews alone, without hold and sway, rad/s; (n,) s → (n, 3)."""
+        omega = turn_frame(AXIS_VECTORS[2], np.full(tau.shape, self.yaw), compute_pointing_rate(self.orbit, self.start_s + tau))
         for slew in self.slews:
-            omega = turned(slew.axis, slew.angles(tau), omega) + slew.rates(tau)[:, None] * slew.axis
+            omega = turn_frame(slew.axis, slew.angles(tau), omega) + slew.rates(tau)[:, None] * slew.axis
         return omega
 
     def compute_tracking_attitude(self, tau: Array) -> Array:
-        """Closed-form attitude of mode and slews alone, inertial to body; (n,) s → (n, 3, 3)."""
+        """Compute the attitude of mode and slews alone in closed form, inertial to body; (n,) s → (n, 3, 3)."""
         A = build_turn_matrix(AXIS_VECTORS[2], np.full(tau.shape, self.yaw)) @ compute_pointing_attitude(
             self.orbit, self.start_s + tau
         )
@@ -194,18 +194,18 @@ class Profile:
         return A
 
     def rate(self, tau: Array) -> Array:
-        """Body rate, rad/s; (n,) local time, s → (n, 3)."""
+        """Compute the body rate, rad/s; (n,) local time, s → (n, 3)."""
         omega = self.compute_tracking_rate(tau)
         if self.hold:
             omega = self.hold.fade(tau, omega) + self.hold.compute_return_pulse(tau)[:, None] * self.return_rotation
         if self.sway:
             angles, rates = self.sway.angles(self.start_s, tau), self.sway.rates(self.start_s, tau)
             for axis in range(3):
-                omega = turned(AXIS_VECTORS[axis], angles[:, axis], omega) + rates[:, axis, None] * AXIS_VECTORS[axis]
+                omega = turn_frame(AXIS_VECTORS[axis], angles[:, axis], omega) + rates[:, axis, None] * AXIS_VECTORS[axis]
         return omega
 
     def attitude(self, tau: Array) -> Array:
-        """Closed-form attitude, inertial to body, valid outside of a hold; (n,) s → (n, 3, 3)."""
+        """Compute the attitude in closed form, inertial to body, valid outside of a hold; (n,) s → (n, 3, 3)."""
         A = self.compute_tracking_attitude(tau)
         if self.sway:
             angles = self.sway.angles(self.start_s, tau)
@@ -223,11 +223,13 @@ class Profile:
         hold = self.hold
         if hold is None:
             return np.zeros(3)
-        start, held, leaving, stop = hold.knots
-        before, after = (convert_to_quaternion(self.compute_tracking_attitude(np.array([time])))[0] for time in (start, stop))
-        entry_grid = np.linspace(start, held, TRANSITION_STEPS + 1)
-        entry = integrate(lambda tau: hold.fade(tau, self.compute_tracking_rate(tau)), entry_grid, before)
-        grid = np.linspace(leaving, stop, TRANSITION_STEPS + 1)
+        start, hold_start, hold_stop, stop = hold.knots
+        start_attitude, stop_attitude = (
+            convert_to_quaternion(self.compute_tracking_attitude(np.array([time])))[0] for time in (start, stop)
+        )
+        entry_grid = np.linspace(start, hold_start, TRANSITION_STEPS + 1)
+        entry = integrate(lambda tau: hold.fade(tau, self.compute_tracking_rate(tau)), entry_grid, start_attitude)
+        grid = np.linspace(hold_stop, stop, TRANSITION_STEPS + 1)
         step = np.diff(grid)
         times = (grid[:-1, None] + step[:, None] * NODES).ravel()
         fading = hold.fade(times, self.compute_tracking_rate(times))
@@ -235,7 +237,7 @@ class Profile:
 
         def compute_miss(r: Array) -> Array:
             sigma, _ = compute_magnus_exponent((fading + pulses * r).reshape(-1, 3, 3), step)
-            return separation(accumulate(entry.quaternions[-1], sigma)[-1], after)
+            return separation(accumulate(entry.quaternions[-1], sigma)[-1], stop_attitude)
 
         # A rotation r in body axes takes A to exp(−[r×]) A, hence the sign.
         solution = root(compute_miss, -compute_miss(np.zeros(3)), options={"xtol": 1e-15})
@@ -245,5 +247,5 @@ class Profile:
 
 
 def integrate_trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:
-    """Integrated true attitude at local times (n + 1,) from 0 on, strictly increasing and with all knots that they span."""
+    """Integrate the true attitude at local times (n + 1,) from 0, strictly increasing, with all knots that they span."""
     return integrate(profile.rate, tau, convert_to_quaternion(profile.attitude(tau[:1]))[0], substeps)

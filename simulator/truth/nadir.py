@@ -22,7 +22,7 @@ import numpy as np
 
 from gyrocal.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
-from simulator.truth.rotation import build_turn_matrix, turned
+from simulator.truth.rotation import build_turn_matrix, turn_frame
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
@@ -32,7 +32,7 @@ ROLL, PITCH = np.eye(3)[0], np.eye(3)[1]
 
 
 def compute_pointing_attitude(orbit: CircularOrbit, t: Array) -> Array:
-    """Attitude matrices of the frame the orbit's nadir makes, inertial to it; (n,) s since the epoch → (n, 3, 3)."""
+    """Compute the attitude of the frame of the orbit's nadir, inertial to it; (n,) s since the epoch → (n, 3, 3)."""
     A = compute_lvlh_attitude(orbit, t)
     if not orbit.geodetic:
         return A
@@ -41,17 +41,17 @@ def compute_pointing_attitude(orbit: CircularOrbit, t: Array) -> Array:
 
 
 def compute_pointing_rate(orbit: CircularOrbit, t: Array) -> Array:
-    """Inertial rate of that frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
+    """Compute the inertial rate of that frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
     omega = compute_lvlh_rate(orbit, t)
     if not orbit.geodetic:
         return omega
     alpha, beta, alpha_rate, beta_rate = compute_nadir_tilt(orbit, t)
-    omega = turned(ROLL, alpha, omega) + alpha_rate[:, None] * ROLL
-    return np.asarray(turned(PITCH, beta, omega) + beta_rate[:, None] * PITCH)
+    omega = turn_frame(ROLL, alpha, omega) + alpha_rate[:, None] * ROLL
+    return np.asarray(turn_frame(PITCH, beta, omega) + beta_rate[:, None] * PITCH)
 
 
 def compute_nadir_tilt(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Array, Array]:
-    """α and β of geodetic nadir, rad, and their rates, rad/s; each (n,)."""
+    """Compute α and β of geodetic nadir, rad, and their rates, rad/s; each (n,)."""
     u = orbit.latitude_argument + orbit.mean_motion * t
     cu, su = np.cos(u), np.sin(u)
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
@@ -62,18 +62,18 @@ def compute_nadir_tilt(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Ar
     delta, delta_rate = geodetic - latitude, (slope - 1) * latitude_rate
     sd, cd = np.sin(delta), np.cos(delta)
     # sin δ/cos λ and its rate are in both horizontal components.
-    share = sd / cl
-    share_rate = cd * delta_rate / cl + sd * sl / cl**2 * latitude_rate
-    d_x, d_y, d_z = -share * cu * si, share * ci, cd
-    rate_x = -si * (share_rate * cu - share * su * orbit.mean_motion)
-    rate_y, rate_z = share_rate * ci, -sd * delta_rate
+    lean = sd / cl
+    lean_rate = cd * delta_rate / cl + sd * sl / cl**2 * latitude_rate
+    d_x, d_y, d_z = -lean * cu * si, lean * ci, cd
+    rate_x = -si * (lean_rate * cu - lean * su * orbit.mean_motion)
+    rate_y, rate_z = lean_rate * ci, -sd * delta_rate
     height = np.hypot(d_y, d_z)
     alpha_rate = (d_y * rate_z - rate_y * d_z) / height**2
     return np.arctan2(-d_y, d_z), np.arctan2(d_x, height), alpha_rate, rate_x / height
 
 
 def _compute_geodetic_latitude(latitude: Array, radius: float) -> tuple[Array, Array]:
-    """φ of a geocentric latitude at a distance from the Earth's centre, rad, and dφ/dλ."""
+    """Compute φ of a geocentric latitude at a distance from the Earth's centre, rad, and dφ/dλ."""
     sl, cl = np.sin(latitude), np.maximum(np.cos(latitude), SMALLEST_COSINE)
     phi = latitude
     for _ in range(NADIR_ITERATIONS):

@@ -62,7 +62,7 @@ class CircularOrbit:
 
 
 def compute_lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
-    """Attitude matrices A_li, inertial to LVLH; (n,) s since the epoch → (n, 3, 3)."""
+    """Compute attitude matrices A_li, inertial to LVLH; (n,) s since the epoch → (n, 3, 3)."""
     u, node = orbit.latitude_argument + orbit.mean_motion * t, orbit.node + orbit.nodal_rate * t
     cu, su, cn, sn = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
@@ -74,7 +74,7 @@ def compute_lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
 
 
 def compute_lvlh_rate(orbit: CircularOrbit, t: Array) -> Array:
-    """Inertial rate of the LVLH frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
+    """Compute the inertial rate of the LVLH frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
     out = np.zeros((*np.shape(t), 3))
     out[..., 1] = -(orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination))
     if orbit.j2:

@@ -29,7 +29,7 @@ DAY = 86400.0  # s
 
 
 def compute_julian_date(epoch: str | datetime) -> float:
-    """Julian date of a moment, in its own time scale, days, good to 40 µs; without a time zone it is taken as it stands."""
+    """Compute the Julian date of a moment, in its own time scale, days, good to 40 µs; without a time zone as it stands."""
     moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
@@ -37,7 +37,7 @@ def compute_julian_date(epoch: str | datetime) -> float:
 
 
 def compute_sun_vector(julian_date: Array | float) -> Array:
-    """Unit vectors (..., 3) to the Sun in the Earth's mean equator and equinox of date, of `julian_date(epoch) + t / DAY`."""
+    """Compute unit vectors (..., 3) to the Sun in the mean equator and equinox of date, of `julian_date(epoch) + t / DAY`."""
     n = np.asarray(julian_date, dtype=float) - J2000
     g = np.deg2rad(357.528 + 0.9856003 * n)
     longitude = np.deg2rad(280.460 + 0.9856474 * n + 1.915 * np.sin(g) + 0.020 * np.sin(2 * g))

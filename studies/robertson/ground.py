@@ -124,7 +124,7 @@ def solve_ground_attitude(
     found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
     # Propagated here, since with the attitudes the batch would compute the covariance of all of them, for half of its time.
     path = build_gyro_arc(data.gyro, data.t_s, tables.G)
-    attitudes = path.propagate_nodes(found.bias)[0][path.node(data.t_s)] @ found.attitude
+    attitudes = path.propagate_nodes(found.bias)[0][path.find_nodes(data.t_s)] @ found.attitude
     differences = residual(data.onboard, attitudes), residual(attitudes, data.true), residual(data.onboard, data.true)
     return GroundSolution(*differences, found.bias)
 

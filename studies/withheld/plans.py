@@ -19,7 +19,7 @@ from simulator.truth.integration import integrate
 from simulator.truth.maneuvers import MODE_YAW, Profile, Slew, Sway, smoothstep
 from simulator.truth.motion import Motion
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import convert_to_quaternion, turned
+from simulator.truth.rotation import convert_to_quaternion, turn_frame
 
 MOST_SAMPLES, MOST_REFERENCES = 60_000, 2500
 SAME_S = 1e-6  # times closer than this are one
@@ -129,7 +129,7 @@ def draw_tumble(lot: Lot) -> Stretch:
     """A tumble ω = R(e, λt) w + λ e."""
     axis, peak = lot.frame[:, int(lot.rng.integers(3))], lot.peak()
     spin, w = float(peak * lot.rng.uniform(-1, 1)), peak * lot.rng.standard_normal(3)
-    return Stretch(lambda tau: turned(axis, spin * tau, w) + spin * axis)
+    return Stretch(lambda tau: turn_frame(axis, spin * tau, w) + spin * axis)
 
 
 def draw_spinner(lot: Lot) -> Stretch:

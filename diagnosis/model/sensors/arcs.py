@@ -244,7 +244,7 @@ def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc,
 
 def _find_nearest_nodes(path: GyroArc, t: Array) -> Indices:
     """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
-    return np.minimum(path.node(t), len(path.t) - 1)
+    return np.minimum(path.find_nodes(t), len(path.t) - 1)
 
 
 def fit_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:

@@ -26,12 +26,12 @@ class _AccelerationSensitivity(Effect):
         return put_on_axis((acceleration - acceleration.mean()) * DEG_H, axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Each acceleration that changes."""
-        there = _list_changing_axes(around.stream)
-        return [Trial({"toward": toward}, 1 / len(there)) for toward in there]
+        """Try each acceleration that changes."""
+        axes = _list_changing_axes(around.stream)
+        return [Trial({"toward": toward}, 1 / len(axes)) for toward in axes]
 
     def missing(self, around: Surroundings) -> str | None:
-        """It needs an acceleration that changes."""
+        """Require an acceleration that changes."""
         if not any(_find_acceleration(around.stream, toward) for toward in AXIS_NAMES):
             return "the recording has no housekeeping column …acceleration_x_m_s2, …_y_… or …_z_…"
         return None if _list_changing_axes(around.stream) else f"no acceleration changes by {LEAST_CHANGE:g} g"
@@ -43,7 +43,7 @@ def _find_acceleration(stream: Stream, toward: str) -> str | None:
 
 
 def _list_changing_axes(stream: Stream) -> list[str]:
-    """Axes whose recorded acceleration changes."""
+    """List the axes whose recorded acceleration changes."""
     named = {toward: _find_acceleration(stream, toward) for toward in AXIS_NAMES}
     return [
         toward

@@ -30,7 +30,7 @@ GAPS = ("hold", "grow", "reset")
 # Over gaps of days a walk that goes on makes levels of its own, and hardly shows as a walk.
 COMMON_GAPS = ("hold", "reset")
 # Span over sampled time from which on a walk that goes on is not tried: its changes over the gaps are then about √30, or five,
-# times those that are seen within intervals, and what is seen of it are levels, as an asymmetry makes them.
+# times those within intervals, and the walk shows as levels of the intervals, as an asymmetry does.
 LARGEST_SPAN_RATIO = 30.0
 
 
@@ -46,7 +46,7 @@ class _BiasRandomWalk(Effect):
         return put_on_axis(setting.size * DEG_H / np.sqrt(HOUR) * walk, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
-        """K² min(t, t'), with t from the first of the times on, since M0 solves for the level there.
+        """Compute K² min(t, t'), with t from the first of the times on, since M0 solves for the level there.
 
         With a reset t runs from the first time of each interval, and the intervals do not depend on one another.
         """
@@ -61,8 +61,8 @@ class _BiasRandomWalk(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         stream = around.stream
-        sampled, whole = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
-        tried = GAPS if whole < LARGEST_SPAN_RATIO * sampled else COMMON_GAPS
+        sampled_s, span_s = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
+        tried = GAPS if span_s < LARGEST_SPAN_RATIO * sampled_s else COMMON_GAPS
         return tuple(Trial({"gaps": gaps}, 1 / len(tried)) for gaps in tried)
 
 
@@ -84,7 +84,7 @@ class _NoiseFlicker(Effect):
 
 
 def _list_octave_constants(shortest: float, longest: float) -> Array:
-    """Time constants an octave apart that span the shortest to the longest, s."""
+    """List time constants an octave apart that span the shortest to the longest, s."""
     return np.asarray(shortest * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(max(longest / shortest, 1.0)))) + 1)))
 
 

@@ -43,7 +43,7 @@ class _LateTags(Effect):
 
 class _ClockSlip(_LateTags):
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        """Each reading, or for a sample with the step in it both, and not one at a delay between them."""
+        """Mix the readings before and after the step by their share of a sample, and not one at a delay between them."""
         late = delay_rates(raw, stream, np.full(len(stream.t_s), setting.size))
         return np.asarray(raw + self.delay(stream, setting.parameters)[:, None] * (late - raw))
 
@@ -54,16 +54,16 @@ class _ClockWander(Effect):
         return np.asarray(compute_delay_columns(stream)[:, :, 0] * late_s[:, None])
 
 
-def _delay_all(stream: Stream, parameters: Parameters) -> Array:
+def _compute_constant_delay(stream: Stream, parameters: Parameters) -> Array:
     return np.ones(len(stream.t_s))
 
 
-def _delay_ever_more(stream: Stream, parameters: Parameters) -> Array:
+def _compute_growing_delay(stream: Stream, parameters: Parameters) -> Array:
     first, last = stream.span_s
     return np.asarray(PPM * (stream.t_s - 0.5 * (first + last)))
 
 
-def _is_too_short(around: Surroundings) -> str | None:
+def _explain_short_recording(around: Surroundings) -> str | None:
     first, last = around.stream.span_s
     if last - first < LEAST_SPAN_S:
         return f"the recording is shorter than {LEAST_SPAN_S:g} s, in which clocks do not run apart"
@@ -82,7 +82,7 @@ EFFECTS = [
         bounds=(-3600.0, 3600.0),
         axes=(),
         meaning="The gyro's time tags are late against the clock of the reference attitudes (early if negative).",
-        delay=_delay_all,
+        delay=_compute_constant_delay,
     ),
     _LateTags(
         name="clock_drift",
@@ -97,8 +97,8 @@ EFFECTS = [
         axes=(),
         meaning="The clocks of gyro and references run apart: the gyro's tags get later and later against the references "
         "(earlier if negative).",
-        requirement=_is_too_short,
-        delay=_delay_ever_more,
+        requirement=_explain_short_recording,
+        delay=_compute_growing_delay,
     ),
     _ClockSlip(
         name="clock_slip",

@@ -5,7 +5,7 @@ Between two edges of the samples x is a quadratic (`simulator.effects.timing`), 
     y = y_p + (y₀ − y_p(0)) e^{−u/τ},    y_p = x − τ x' + τ² x''
 
 and since y = x − τ y', a sample shows mean(x) − τ [y(Δ) − y(0)]/Δ. Each interval starts in steady state, y = x. For small τ
-this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the two cannot be told apart.
+this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the two cannot be separated.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ def apply_lag(rates: Array, duration_s: Array, tau: float) -> Array:
     """Mean lagged rates of a run of samples, (n, 3) rad/s."""
     a, b, c, _ = build_angle_spline(rates, duration_s).c  # Θ = a u³ + b u² + c u + …
     u = duration_s[:, None]
-    before = c[0]
-    first = c - tau * 2 * b + tau**2 * 6 * a
-    last = 3 * a * u**2 + 2 * b * u + c - tau * (6 * a * u + 2 * b) + tau**2 * 6 * a
+    initial = c[0]
+    particular_start = c - tau * 2 * b + tau**2 * 6 * a
+    particular_end = 3 * a * u**2 + 2 * b * u + c - tau * (6 * a * u + 2 * b) + tau**2 * 6 * a
     decay = np.exp(-duration_s / tau)
     out = np.empty_like(rates)
     for axis in range(3):
         # The output at the edges obeys y_{k+1} = decay_k y_k + last_k − decay_k first_k.
-        drive = np.append(before[axis], last[:, axis] - decay * first[:, axis])
+        drive = np.append(initial[axis], particular_end[:, axis] - decay * particular_start[:, axis])
         y = recursion(np.append(0.0, decay), drive)
         out[:, axis] = rates[:, axis] - tau * np.diff(y) / duration_s
     return out

@@ -1,4 +1,4 @@
-"""What the readout makes of each rate, on an axis or on all three.
+"""Errors of the readout of each rate, on an axis or on all three.
 
 rate_quantization
     Samples become the nearest multiple of size, noise included: the least significant bit of the converter or of telemetry.

@@ -67,7 +67,7 @@ class _GyroStop(Effect):
 
 
 def _draw_stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> Mask:
-    """Which samples repeat the one before, (count,)."""
+    """Draw the samples that repeat the one before, (count,)."""
     onset = fraction / ((1 - fraction) * mean_run)
     if onset > 1:
         raise InputError(

@@ -1,4 +1,4 @@
-"""White noise of the rates and of the angle that is read out, beside what is stated.
+"""White noise of the rates and of the angle that is read out, other than stated.
 
 noise_excess
     The white noise of each sample times size; 1 is as stated.

@@ -43,31 +43,32 @@ class _ReferenceJump(DirectedEffect):
         return np.asarray(DEG * np.eye(3) * inside[:, None, None])
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """The windows between the largest innovations; where none is large, one window that stands for all."""
+        """List the windows between the largest innovations; without a large one, one window that stands for all."""
         t_s, interval = around.references.t_s, around.references.interval
-        seen = compute_reference_innovations(around)
-        edges = find_edges(seen, around)
-        middle = 0.5 * (t_s[seen.first] + t_s[seen.second])
-        steps, interval_of_innovation = max(len(seen.values), 2), interval[seen.second]
+        innovations = compute_reference_innovations(around)
+        edges = find_edges(innovations, around).tolist()
+        middle = 0.5 * (t_s[innovations.first] + t_s[innovations.second])
+        steps, interval_of_innovation = max(len(innovations.values), 2), interval[innovations.second]
         gaps = _list_gaps(t_s, interval)
-        if not edges.size and not gaps:
+        if not edges and not gaps:
             return (_choose_middle_window(around),)
-        stays = [_build_window(time, FOREVER_S, 0.5 / steps) for time in [*middle[edges].tolist(), *gaps]]
-        returns = [
-            # Half of the prior is that of jumps that return: even in their begin, and in the logarithm of their length.
-            _build_window(float(middle[i]), float(middle[k]), 0.5 / (steps * (k - i) * np.log(steps)))
-            for (p, i), (q, k) in combinations(enumerate(edges.tolist()), 2)
-            if q - p <= MOST_BETWEEN
-            and interval_of_innovation[i] == interval_of_innovation[k]
-            and k - i >= FEWEST_JUMP_REFERENCES
-        ]
-        return [*stays, *returns]
+        # Half of the prior is that of jumps that stay, half of those that return.
+        windows = [_build_window(time, FOREVER_S, 0.5 / steps) for time in [*middle[edges].tolist(), *gaps]]
+        for (p, i), (q, k) in combinations(enumerate(edges), 2):
+            same_interval = interval_of_innovation[i] == interval_of_innovation[k]
+            if q - p <= MOST_BETWEEN and same_interval and k - i >= FEWEST_JUMP_REFERENCES:
+                # Even in the begin, and in the logarithm of the length.
+                weight = 0.5 / (steps * (k - i) * np.log(steps))
+                windows.append(_build_window(float(middle[i]), float(middle[k]), weight))
+        return windows
 
     def missing(self, around: Surroundings) -> str | None:
-        """It needs a series of references."""
+        """Require a series of references."""
         references = around.references
-        most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
-        return None if most >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
+        counts = np.bincount(references.interval[references.interval >= 0], minlength=1)
+        return (
+            None if counts.max() >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
+        )
 
 
 def compute_reference_innovations(around: Surroundings) -> Innovations:
@@ -79,40 +80,49 @@ def compute_reference_innovations(around: Surroundings) -> Innovations:
     )
 
 
-def find_edges(seen: Innovations, around: Surroundings) -> np.ndarray:
+def find_edges(innovations: Innovations, around: Surroundings) -> np.ndarray:
     """Find the innovations (k,) at which the references jump, the largest jumps, in order of time."""
-    interval = around.references.interval
-    interval_of_innovation = interval[seen.second]
-    chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
+    chi2 = np.sum((innovations.values / innovations.sigma) ** 2, axis=1)
     chi2[chi2 < JUMP_CHI2] = 0.0
-    for interval_number in np.unique(interval_of_innovation) if around.residuals is not None else ():
-        rows, members = np.flatnonzero(interval_of_innovation == interval_number), np.flatnonzero(interval == interval_number)
-        for length, statistic in _compare_means(around, members):
-            # A jump makes a triangle of that width; one that shows in fewer references is known better.
-            for k in np.flatnonzero(statistic > JUMP_CHI2).tolist():
-                neighbourhood = slice(max(k - length, 0), k + length)
-                place = rows[np.searchsorted(seen.second[rows], members[k + 1]).clip(max=rows.size - 1)]
-                if statistic[k] == statistic[neighbourhood].max() and not chi2[max(place - length, 0) : place + length].any():
-                    chi2[place] = statistic[k]
+    if around.residuals is not None:
+        _add_jumps_of_means(chi2, innovations, around)
     large = np.flatnonzero(chi2)
     return np.sort(large[np.argsort(-chi2[large], kind="stable")][:MOST_EDGES])
 
 
-def _compare_means(around: Surroundings, members: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Lengths, and χ² (m − 1,) of so many references (m,) of an interval from each but the first on, against as many before.
+def _add_jumps_of_means(chi2: Array, innovations: Innovations, around: Surroundings) -> None:
+    """Enter jumps that show in means over several references only into χ² (k,) of the innovations, in place."""
+    interval = around.references.interval
+    interval_of_innovation = interval[innovations.second]
+    for interval_number in np.unique(interval_of_innovation):
+        rows, members = np.flatnonzero(interval_of_innovation == interval_number), np.flatnonzero(interval == interval_number)
+        for length, statistic in _compare_means(around, members):
+            # A jump makes a triangle of that width; one that shows in fewer references is known better.
+            for k in np.flatnonzero(statistic > JUMP_CHI2).tolist():
+                is_peak = statistic[k] == statistic[max(k - length, 0) : k + length].max()
+                place = rows[np.searchsorted(innovations.second[rows], members[k + 1]).clip(max=rows.size - 1)]
+                if is_peak and not chi2[max(place - length, 0) : place + length].any():
+                    chi2[place] = statistic[k]
 
-    Where the propagated path is off by the mean μ of the residuals before a jump, in inertial axes, a jump of e in body axes
-    leaves A_j η_j = e + A_j μ after it, whose mean is e + Ā μ.
+
+def _compare_means(around: Surroundings, members: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Compare the mean of several references before and after each but the first (m,) of an interval.
+
+    Yields their number and χ² (m − 1,), for two references and twice as many up to a share of the interval. Where the
+    propagated path is off by the mean μ of the residuals before a jump, in inertial axes, a jump of e in body axes leaves
+    A_j η_j = e + A_j μ after it, whose mean is e + Ā μ.
     """
     assert around.residuals is not None
     eta, A = around.residuals[members], Rotation.from_quat(around.references.quaternions[members]).inv().as_matrix()
-    each = (eta, np.einsum("kij,kj->ki", A, eta), A)
-    of_eta, of_body, of_A = (np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)]) for values in each)
+    sums = [
+        np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        for values in (eta, np.einsum("kij,kj->ki", A, eta), A)
+    ]
     length = 2
     while length * SHARE_OF_REFERENCES <= members.size:
         first = np.arange(length, members.size + 1 - length)
-        mean = (of_eta[first] - of_eta[first - length]) / length
-        body, turn = ((values[first + length] - values[first]) / length for values in (of_body, of_A))
+        mean = (sums[0][first] - sums[0][first - length]) / length
+        body, turn = ((values[first + length] - values[first]) / length for values in sums[1:])
         e = body - np.einsum("kij,kj->ki", turn, mean)
         square = np.sum((e / np.maximum(np.median(np.abs(e), axis=0), SMALLEST_ANGLE)) ** 2, axis=1)
         statistic = np.zeros(members.size - 1)
@@ -122,7 +132,7 @@ def _compare_means(around: Surroundings, members: np.ndarray) -> Iterator[tuple[
 
 
 def _list_gaps(t_s: np.ndarray, interval: np.ndarray) -> list[float]:
-    """Middles of the gaps between intervals, s."""
+    """List the middles of the gaps between intervals, s."""
     used = [number for number in np.unique(interval) if number >= 0]
     ends = [(t_s[interval == number].min(), t_s[interval == number].max()) for number in used]
     return [float(0.5 * (end + begin)) for (_, end), (begin, _) in pairwise(sorted(ends)) if begin > end]
@@ -133,7 +143,7 @@ def _build_window(begin_s: float, end_s: float, weight: float) -> Trial:
 
 
 def _choose_middle_window(around: Surroundings) -> Trial:
-    """The middle third of the interval with most references, at the prior of one window of many."""
+    """Choose the middle third of the interval with most references, at the prior of one window of many."""
     references = around.references
     number_ = int(np.argmax(np.bincount(references.interval[references.interval >= 0])))
     t_s = np.sort(references.t_s[references.interval == number_])

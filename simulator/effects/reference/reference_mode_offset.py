@@ -25,7 +25,7 @@ class _ReferenceModeOffset(Effect):
         return put_on_axis(np.where(_find_affected(references, parameters), DEG, 0.0), axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Each heading and rule for holds that reaches other references, by the number of headings it stands for."""
+        """Try each heading and rule for holds that reaches other references, weighted by the number of such headings."""
         counted: dict[bytes, tuple[dict[str, Value], int]] = {}
         # That of the simulator is the first of those that reach the same references.
         for within in sorted(TRIED_DEG, key=lambda angle: abs(angle - WITHIN_DEG)):
@@ -38,15 +38,15 @@ class _ReferenceModeOffset(Effect):
         return tuple(Trial(parameters, count / total) for parameters, count in counted.values())
 
     def missing(self, around: Surroundings) -> str | None:
-        """It needs references in this mode and in another one, since an offset of all of them cannot be seen."""
-        flown = set(around.references.forward) - {""}
-        if BACKWARD not in flown:
+        """Require references in this mode and in another one, since an offset of all of them cannot be seen."""
+        forward_axes = set(around.references.forward) - {""}
+        if BACKWARD not in forward_axes:
             return f"no reference is taken with {BACKWARD} forward"
-        return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
+        return None if len(forward_axes) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
 def _find_affected(references: References, parameters: Parameters) -> Mask:
-    """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
+    """Mark the references (m,) with the offset; where no axis flies forward, as before in the interval if it is carried on."""
     if references.heading is None:
         out = references.forward == BACKWARD
     else:

@@ -38,20 +38,20 @@ class _ReferenceGlitch(Effect):
         self, rng: np.random.Generator, quaternions: Array, references: References, setting: Setting
     ) -> Array:
         count = references.t_s.size
-        share = number(setting.parameters, "fraction")
-        edge = np.zeros(count, dtype=bool)
+        fraction = number(setting.parameters, "fraction")
+        at_ends = np.zeros(count, dtype=bool)
         for interval in np.unique(references.interval):
             members = np.flatnonzero(references.interval == interval)
-            edge[members[[0, -1]]] = True
-        off = np.zeros((count, 3))
-        begins = np.flatnonzero(rng.random(count) < 2 * share / (LONGEST_GLITCH_GROUP + 1))  # two references a group on average
-        for begin in begins:
+            at_ends[members[[0, -1]]] = True
+        errors = np.zeros((count, 3))
+        groups = 2 * fraction / (LONGEST_GLITCH_GROUP + 1)  # two references a group on average
+        for begin in np.flatnonzero(rng.random(count) < groups):
             direction = rng.standard_normal(3)
             e = setting.size * DEG * rng.uniform(0.5, 1.5) * direction / np.linalg.norm(direction)
-            off[begin : begin + int(rng.integers(1, LONGEST_GLITCH_GROUP + 1))] = e
-        off[edge] = 0.0
-        out, rows = quaternions.copy(), off.any(axis=1)
-        out[rows] = apply_rotation_errors(quaternions[rows], off[rows])
+            errors[begin : begin + int(rng.integers(1, LONGEST_GLITCH_GROUP + 1))] = e
+        errors[at_ends] = 0.0
+        out, rows = quaternions.copy(), errors.any(axis=1)
+        out[rows] = apply_rotation_errors(quaternions[rows], errors[rows])
         return out
 
 

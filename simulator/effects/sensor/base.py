@@ -1,9 +1,9 @@
-"""What an effect on the attitude sensors is: what it does to the sensors as built, and to what they show.
+"""Definition of an effect on the attitude sensors: the change of the sensors as built, and of their measurements.
 
 M0 at the level of the sensors has the nominal sun and Earth sensors with white noise. An effect changes the sensors of a
 simulation (`SensorEffect.fitted`), and says what that adds to the angles which the nominal ones would show
 (`SensorEffect.error`), exactly and per amplitude, so that a diagnosis gets its columns as derivatives of it. Both are written
-apart from each other where the sensors' own code can tell the first.
+independently where the sensors' own code can compute the first.
 
 Sizes are in the unit of the effect, errors in radians; an error is what the sensor shows beyond M0.
 """
@@ -26,7 +26,7 @@ S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1
 
 @dataclass(frozen=True)
 class Sightings:
-    """What the sensors look at, as well as it is known."""
+    """Geometry of the sensors' measurements, as well as it is known."""
 
     sun_sensor: NDArray[np.int64]  # (n,) number of the sun sensor of each of its measurements, 1, 2, …
     sun_angles: Array  # (n, 2) α and β of M0, rad
@@ -64,11 +64,11 @@ class SensorEffect(Effect):
         return self.acts_on.format(axis=axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Its options."""
+        """Try its options."""
         return tuple(Trial(option, 1 / len(self.options)) for option in self.options)
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
+        """Compute errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
         raise NotImplementedError
 
 

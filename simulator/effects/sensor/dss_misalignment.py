@@ -28,8 +28,8 @@ class _DssMisalignment(VectorEffect):
         rows = sightings.sun_sensor == MISALIGNED_SENSOR
         angles = sightings.sun_angles[rows]
         nominal = np.column_stack([np.tan(angles), np.ones(len(angles))])
-        seen = Rotation.from_rotvec(DEG * amplitudes).inv().apply(nominal)
-        sun[rows] = np.arctan2(seen[:, :2], seen[:, 2:]) - angles
+        directions = Rotation.from_rotvec(DEG * amplitudes).inv().apply(nominal)
+        sun[rows] = np.arctan2(directions[:, :2], directions[:, 2:]) - angles
         return sun, earth
 
 

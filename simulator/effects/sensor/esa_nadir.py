@@ -39,21 +39,21 @@ class FlattenedHorizon(Horizon):
 
 class _EsaNadir(SensorEffect):
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        seen = suite.earth.horizon
-        horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
+        original = suite.earth.horizon
+        horizon = FlattenedHorizon(co2_height=original.co2_height, altitude=original.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         sun, _ = sightings.nothing
-        seen = Horizon()
+        original = Horizon()
         changed = FlattenedHorizon(missing=float(amplitudes[0]))
-        return sun, _compute_limbs(sightings, *changed.semi_axes, seen.nominal) - _compute_limbs(
-            sightings, *seen.semi_axes, seen.nominal
+        return sun, _compute_limbs(sightings, *changed.semi_axes, original.nominal) - _compute_limbs(
+            sightings, *original.semi_axes, original.nominal
         )
 
 
 def _compute_limbs(sightings: Sightings, a: float, c: float, nominal: float) -> Array:
-    """η (m, 4) of the quadrants' limbs, rad."""
+    """Compute η (m, 4) of the quadrants' limbs, rad."""
     squares = 1 / np.array([a, a, c]) ** 2
     scaled = sightings.position * squares
     beyond = (sightings.position * scaled).sum(axis=1) - 1

@@ -43,22 +43,22 @@ class _EsaSunIntrusion(SensorEffect):
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
         first = np.diff(sightings.arc, prepend=-1) != 0
         gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
-        taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
-        kept, added = np.ascontiguousarray((1 - taken).T), np.ascontiguousarray((taken * inside).T)
-        taken_up = np.stack([recursion(*quadrant) for quadrant in zip(kept, added, strict=True)], axis=1)
-        return sun, -DEG * amplitudes[0] * taken_up
+        used_gain = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
+        decay, drive = np.ascontiguousarray((1 - used_gain).T), np.ascontiguousarray((used_gain * inside).T)
+        response = np.stack([recursion(*quadrant) for quadrant in zip(decay, drive, strict=True)], axis=1)
+        return sun, -DEG * amplitudes[0] * response
 
 
 def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
-    """(m, 4) whether the Sun is in a quadrant's field, 1 or 0."""
+    """Find (m, 4) the quadrants with the Sun in their field, 1 or 0."""
     nominal = Horizon().nominal
     limbs = np.stack([np.sin(nominal) * np.cos(AZIMUTHS), np.sin(nominal) * np.sin(AZIMUTHS), np.full(4, np.cos(nominal))])
     cosines = np.einsum("mij,mj->mi", sightings.A, sightings.sun) @ limbs
     scale = np.array([EARTH_RADIUS, EARTH_RADIUS, POLAR_RADIUS])
-    here, way = sightings.position / scale, sightings.sun / scale
-    along = (here * way).sum(axis=1) / (way * way).sum(axis=1)
-    passed = np.linalg.norm(here - along[:, None] * way, axis=1)
-    lit = (along >= 0) | (passed >= 1)
+    position, direction = sightings.position / scale, sightings.sun / scale
+    along = (position * direction).sum(axis=1) / (direction * direction).sum(axis=1)
+    miss_distance = np.linalg.norm(position - along[:, None] * direction, axis=1)
+    lit = (along >= 0) | (miss_distance >= 1)
     return np.asarray(np.where((cosines > cos_field) & lit[:, None], 1.0, 0.0))
 
 

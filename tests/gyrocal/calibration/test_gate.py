@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from gyrocal import NAMES, InputError, select
-from gyrocal.calibration.gate import LargeResidualError, check
+from gyrocal.calibration.gate import LargeResidualError, check_residual_size
 from gyrocal.calibration.observability import evaluate_observability
 from tests.builders import TRUTH
 
 
 def test_residuals_up_to_thirty_degrees_pass():
     theta = np.deg2rad([[1.0, 2.0, 3.0], [29.9, 0.0, 0.0], [0.0, 17.0, -17.0]])
-    check(theta)
+    check_residual_size(theta)
     with pytest.raises(LargeResidualError, match=r"30\.1 deg") as caught:
-        check(np.vstack([theta, np.deg2rad([[0.0, 0.0, -30.1]])]))
+        check_residual_size(np.vstack([theta, np.deg2rad([[0.0, 0.0, -30.1]])]))
     assert caught.value.output == 3
     with pytest.raises(LargeResidualError) as caught:
-        check(np.array([[0.1, 0.0, 0.0], [0.0, np.nan, 0.0]]))
+        check_residual_size(np.array([[0.1, 0.0, 0.0], [0.0, np.nan, 0.0]]))
     assert (caught.value.output, caught.value.angle) == (1, np.inf)
 
 

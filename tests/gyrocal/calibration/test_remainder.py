@@ -50,7 +50,7 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
             shifted = Problem.build(moved, prepare_measurements(moved)).state(TRUTH)
-            columns = paths.gather(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
+            columns = paths.compute_process_influence(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
@@ -59,7 +59,7 @@ def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_on
     paths, _, state = build_problem(recording)
     own, step = recording.attitudes, 1e-6
     for process, along in (("reference", np.tile(np.eye(3)[2], (own.t_s.size, 1))), ("delay", paths.body_rates)):
-        columns = paths.gather(Process(process, (2,), 1.0), 2, np.eye(state.theta.size)).T
+        columns = paths.compute_process_influence(Process(process, (2,), 1.0), 2, np.eye(state.theta.size)).T
         for place in (0, 5, 12):  # the first starts an interval, the last ends one and starts the next
             q = own.quaternions.copy()
             q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * along[place])).as_quat()

@@ -10,10 +10,10 @@ from gyrocal.calibration.propagation import compute_psi_coefficients
 from gyrocal.estimation.error_state import (
     COVARIANCE_SERIES_LIMIT,
     compute_kalman_gain,
+    compute_process_noise,
+    compute_step_integrals,
     compute_transition,
-    process_noise,
     propagate_covariance,
-    step_integrals,
     update_covariance,
 )
 from tests.builders import TRUTH
@@ -31,7 +31,7 @@ def a_covariance(n, seed=0):
     "phi", [0.0, 1e-4, 0.3, 0.999999 * COVARIANCE_SERIES_LIMIT, 1.000001 * COVARIANCE_SERIES_LIMIT, 2.0, 7.0]
 )
 def test_integrals_of_a_step(phi):
-    c, d, e, f = step_integrals(phi)
+    c, d, e, f = compute_step_integrals(phi)
     np.testing.assert_allclose((c, d), compute_psi_coefficients(np.array(phi)), rtol=1e-14)
     axis = np.array([0.6, 0.0, 0.8])
     K = cross_matrix(phi * axis)
@@ -62,17 +62,17 @@ def test_noise_of_long_steps_is_that_of_many_short_ones():
     R, B = np.empty((3, 3)), np.empty((3, 3))
     whole, pieces = a_covariance(6), a_covariance(6)
     angle = compute_transition(x, RAW, dt, biases, R, B)
-    propagate_covariance(whole, R, B, *process_noise(angle, dt, arw, walk))
+    propagate_covariance(whole, R, B, *compute_process_noise(angle, dt, arw, walk))
     for _ in range(parts):
         angle = compute_transition(x, RAW, dt / parts, biases, R, B)
-        propagate_covariance(pieces, R, B, *process_noise(angle, dt / parts, arw, walk))
+        propagate_covariance(pieces, R, B, *compute_process_noise(angle, dt / parts, arw, walk))
     np.testing.assert_allclose(whole, pieces, rtol=1e-12)
 
 
 def test_propagated_covariance_by_dense_matrices():
     R, B = np.empty((3, 3)), np.empty((3, 12))
     angle = compute_transition(TRUTH.vector, RAW, 4.0, ALL, R, B)
-    Q, cross, variance = process_noise(angle, 4.0, 1e-2, 3e-2)
+    Q, cross, variance = compute_process_noise(angle, 4.0, 1e-2, 3e-2)
     P = a_covariance(15)
     Phi = np.block([[R, B], [np.zeros((12, 3)), np.eye(12)]])
     noise = np.zeros((15, 15))

@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simulator.mission_mode.rigid_body import step_rigid_body
-from simulator.mission_mode.wheels import build_wheel_pyramid, compute_unloading_moment, distribute
+from simulator.mission_mode.wheels import build_wheel_pyramid, compute_unloading_moment, distribute_torque
 from simulator.truth.rotation import convert_to_matrix, convert_to_quaternion, separation
 
 INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
@@ -91,7 +91,7 @@ TORQUE = np.array([0.05, -0.12, 0.2])
 
 def wheel_torques(torque, momentum=EMPTY, torque_limit=1e3, momentum_limit=1e3):
     out = np.empty(4)
-    distribute(torque, INVERSE, np.array(momentum), torque_limit, momentum_limit, 0.5, out)
+    distribute_torque(torque, INVERSE, np.array(momentum), torque_limit, momentum_limit, 0.5, out)
     return out
 
 

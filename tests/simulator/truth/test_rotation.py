@@ -8,7 +8,7 @@ from simulator.truth.rotation import (
     convert_to_matrix,
     convert_to_quaternion,
     separation,
-    turned,
+    turn_frame,
 )
 
 
@@ -23,7 +23,7 @@ def test_a_turn_is_the_passive_exponential():
     angles, vectors = rng.uniform(-4, 4, 5), rng.standard_normal((5, 3))
     expected = np.array([expm(-skew(axis) * angle) for angle in angles])
     np.testing.assert_allclose(build_turn_matrix(axis, angles), expected, atol=1e-14)
-    np.testing.assert_allclose(turned(axis, angles, vectors), np.einsum("nij,nj->ni", expected, vectors), atol=1e-14)
+    np.testing.assert_allclose(turn_frame(axis, angles, vectors), np.einsum("nij,nj->ni", expected, vectors), atol=1e-14)
 
 
 def test_quaternion_of_the_wertz_convention():
