@@ -213,10 +213,10 @@ def command(
         sections.append(calibration_report.build_change_section(change, str(against), limits))
     turns = predict_held_out_turns(loaded, **asked)
     held_out = describe_held_out_turns(turns)
-    build = partial(calibration_report.build_calibration_page, result, held_out, known, more=sections)
+    build = partial(calibration_report.build_calibration_page, result, held_out, known, further_sections=sections)
     masked = {"masked": mask.to_json(), "masked_share": mask.compute_share(original)}
     masked |= {"invisible": [one.to_json() for one in invisible]}
-    document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], **masked, "provenance": about}
+    document = result.to_json() | {"held_out_turns": [turn.to_json() for turn in turns], **masked, "provenance": about}
     write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
@@ -230,7 +230,7 @@ def _describe_input(recording: Recording) -> dict[str, str | None]:
     epoch = datetime.fromisoformat(recording.epoch)
     offset = epoch.utcoffset()
     start = np.datetime64(epoch.replace(tzinfo=None), "ms") - np.timedelta64(offset or 0, "ms")
-    ends = min(one.start_s for one in recording.intervals), max(one.stop_s for one in recording.intervals)
+    ends = min(interval.start_s for interval in recording.intervals), max(one.stop_s for one in recording.intervals)
     valid_from, valid_until = (str(start + np.timedelta64(round(1e3 * end), "ms")) for end in ends)
     return {
         "valid_from": valid_from,

@@ -7,10 +7,10 @@ IN_XML = bytes(code if code >= 0x20 or code in b"\t\n\r" else ord("?") for code 
 
 
 def make_printable(text: str) -> str:
-    """A text on one line, its control characters as what stands for them in a program."""
-    return CONTROL_CHARACTERS.sub(lambda found: ascii(found[0])[1:-1], " ".join(text.split()))
+    """Make a text of one line, with its control characters as escape sequences."""
+    return CONTROL_CHARACTERS.sub(lambda match: ascii(match[0])[1:-1], " ".join(text.split()))
 
 
 def make_well_formed(xml: bytes) -> bytes:
-    """XML in UTF-8 with a question mark for every character that XML does not have."""
+    """Replace the characters of UTF-8 text that XML does not allow by question marks."""
     return xml.translate(IN_XML)
