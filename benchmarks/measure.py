@@ -108,7 +108,7 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
     say("Monte Carlo cases")
     cases = [run_module("benchmarks.cases", count) for count in effort.cases]
     say("diagnoses")
-    diagnoses = [run_module("benchmarks.diagnosis", *one) for one in effort.diagnoses]
+    diagnoses = [run_module("benchmarks.diagnosis", *diagnose) for diagnose in effort.diagnoses]
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     cpu_ms = cases[-1]["cpu_ms_per_case_least"] or cases[-1]["cpu_ms_per_case_mean"]

@@ -57,7 +57,9 @@ class RecordingEntry(_Document):
         same = old.recording_sha256 == now.recording_sha256
         change = compute_change(old.parameters, old.covariance, now.parameters, now.covariance, same)
         verdicts = check_limits(change, self.max_sigma, self.max_change)
-        return verdicts, pd.DataFrame([{"limit": one.name, "change": one.failure} for one in verdicts if one.failure])
+        return verdicts, pd.DataFrame(
+            [{"limit": verdict.name, "change": verdict.failure} for verdict in verdicts if verdict.failure]
+        )
 
 
 class StudyEntry(_Document):

@@ -94,4 +94,4 @@ def rank_explanations(model: LinearModel, nothing: float) -> list[Explanation]:
 
 def sort_by_posterior(explanations: Iterable[Explanation]) -> list[Explanation]:
     """Explanations, the likeliest first."""
-    return sorted(explanations, key=lambda one: -one.log_posterior)
+    return sorted(explanations, key=lambda explanation: -explanation.log_posterior)

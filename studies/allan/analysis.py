@@ -62,7 +62,7 @@ class NoiseAnalysis:
     @property
     def longest_period_s(self) -> float:
         """Period up to which lines are looked for, s."""
-        return max(one.edges[-1] - one.edges[0] for one in self.stretches) / FEWEST_CYCLES
+        return max(stretch.edges[-1] - stretch.edges[0] for stretch in self.stretches) / FEWEST_CYCLES
 
     def to_json(self) -> dict[str, Any]:
         """Everything as numbers with their units."""
@@ -71,7 +71,7 @@ class NoiseAnalysis:
             "recording": self.recording,
             "stated_angle_random_walk": {"value": self.arw * factor, "unit": unit},
             "confidence": BAND_CONFIDENCE,
-            "stretches": [describe_stretch(one) for one in self.stretches],
+            "stretches": [describe_stretch(stretch) for stretch in self.stretches],
             "longest_period_of_lines_s": self.longest_period_s,
             "axes": {axis: _describe_axis(one) for axis, one in zip(AXIS_NAMES, self.axes, strict=True)},
             "notes": list(self.notes),
@@ -86,7 +86,7 @@ def estimate_noise_terms(recording: Recording, interval: str | None = None) -> N
     is_measured, repeat_notes = mark_measured_samples(recording)
     parts, notes = find_stretches(recording, interval)
     lines, clean = _subtract_lines(recording, parts)
-    measured = [is_measured[one.samples] for one in parts]
+    measured = [is_measured[part.samples] for part in parts]
     sample_s = recording.gyro.sample_s
     axes = tuple(_estimate_axis_noise(sample_s, parts, k, clean, lines[k], measured) for k in range(3))
     return NoiseAnalysis(recording.title, recording.gyro.arw, parts, axes, (*repeat_notes, *notes))
@@ -99,9 +99,9 @@ def _estimate_axis_noise(
 
     def compute_deviation(rates: Iterable[Array]) -> Deviation:
         own_parts = (one[own, axis] for one, own in zip(rates, measured, strict=True))
-        return overlapping_allan_deviation([one for one in own_parts if one.size], sample_s)
+        return overlapping_allan_deviation([own_part for own_part in own_parts if own_part.size], sample_s)
 
-    deviation = compute_deviation(one.rates for one in parts)
+    deviation = compute_deviation(part.rates for part in parts)
     # Errors of the references are in the rates from which these are taken out.
     draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
     generators = [generator(0, case, "allan references") for case in range(draws)]
@@ -125,7 +125,7 @@ def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[l
     for line in found:
         waves[:, line.axis] += line.waveform
     by_axis = [tuple(line for line in found if line.axis == axis) for axis in range(3)]
-    return by_axis, [one.rates - waves[one.samples] for one in parts]
+    return by_axis, [part.rates - waves[part.samples] for part in parts]
 
 
 def mark_measured_samples(recording: Recording) -> tuple[Mask, list[str]]:

@@ -92,7 +92,7 @@ def _find_quiet_runs(recording: Recording, intervals: list[Interval]) -> list[tu
     noise = estimate_local_noise(gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
     usable = mark_interval_samples(recording) & find_quiet_samples(gyro.rates, noise)
     for levels in (noise, None):  # None: of a body that moves gently all the time, the references say how
-        runs = [(one, run) for one in intervals for run in _find_usable_runs(recording, one, usable, levels)]
+        runs = [(interval, run) for interval in intervals for run in _find_usable_runs(recording, interval, usable, levels)]
         if runs:
             return runs
     return []

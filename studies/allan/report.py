@@ -60,8 +60,8 @@ def list_remarks(found: NoiseAnalysis) -> list[str]:
         elif found.arw and abs(walk.value - found.arw) > OFF * walk.sigma:
             off, ratio = abs(walk.value - found.arw) / walk.sigma, walk.value / found.arw
             out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {off:.0f} sigma off.")
-        for other in axis.fit.alternatives:
-            out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")
+        for alternative in axis.fit.alternatives:
+            out.append(f"{name}: {' + '.join(alternative)} would fit as well; the deviation cannot tell.")
     return [*out, *found.notes, f"Lines are looked for with periods up to {found.longest_period_s:.3g} s."]
 
 
@@ -77,7 +77,7 @@ def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
         Line(tau, axis.deviation.deviation * RATE, "deviation, 95 %", TEAL, "o-", axis.low * RATE, axis.high * RATE),
         Line(tau, np.sqrt(axis.model) * RATE, "all terms", RED, "-"),
     ]
-    for one, style in zip([one for one in axis.fit.estimates if one.seen], ("--", ":", "-."), strict=False):
+    for one, style in zip([estimate for estimate in axis.fit.estimates if estimate.seen], ("--", ":", "-."), strict=False):
         own = one.value * np.sqrt(compute_allan_variance(one.term, tau))
         lines.append(Line(tau, own * RATE, one.term, DARK, style))
     if arw > 0:
@@ -93,7 +93,7 @@ def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None)
     seen = list(table["value"] != "not seen")
     picture = Picture("allan", partial(draw_allan_figure, found), describe_allan_figure(found), CAPTION)
     rests = "Rests are used as recorded. Elsewhere the motion by the references is subtracted."
-    stretches = pd.DataFrame([describe_stretch(one) for one in found.stretches])
+    stretches = pd.DataFrame([describe_stretch(stretch) for stretch in found.stretches])
     first, *more = list_remarks(found) or ["The angle random walk is as stated."]
     sections = [
         Section("Terms of IEEE Std 952", [PageTable(table, seen, "Terms of IEEE Std 952", ALLAN_TERMS_NOTE)]),

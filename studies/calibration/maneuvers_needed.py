@@ -71,7 +71,7 @@ def _simulate_all_intervals(
 def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording:
     """The recording with some of its intervals and their references."""
     intervals = tuple(recording.intervals[k] for k in chosen)
-    rows = np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in intervals]))
+    rows = np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, interval) for interval in intervals]))
     return replace(recording, attitudes=recording.attitudes.select_rows(rows), intervals=intervals)
 
 

@@ -137,7 +137,7 @@ def simulate_estimates(
     problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), noise=variance)
     noise = make_noise_generators(streams)
     cases = (problem.replace_case(*flown.realise(noise)) for _ in range(config.seeds))
-    return np.array([one.iterate(flown.initial, 2).check_convergence().x[-1] for one in cases])
+    return np.array([case.iterate(flown.initial, 2).check_convergence().x[-1] for case in cases])
 
 
 STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, run_case)

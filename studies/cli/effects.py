@@ -54,7 +54,10 @@ def command(as_json: Path | None) -> None:
 
 def _format_parameters(effect: Effect) -> str:
     """An effect's parameters with their defaults, or that they have one; without "=" those that must be given."""
-    shown = [one.name if one.default is None else f"{one.name}={one.default}" for one in effect.parameters]
+    shown = [
+        parameter.name if parameter.default is None else f"{parameter.name}={parameter.default}"
+        for parameter in effect.parameters
+    ]
     if len(shown) <= 2:
         return ", ".join(shown)
     names = [one.name if one.default is None else f"{one.name}=…" for one in effect.parameters]

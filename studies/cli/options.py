@@ -278,4 +278,4 @@ def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | N
     if junit:
         write_junit(junit, f"gyrocal {command}", subject, [*verdicts, *limits])
     if any(one.failure for one in [*verdicts, *limits]):
-        raise SystemExit(STATUS if any(one.failure for one in verdicts) else 1)
+        raise SystemExit(STATUS if any(verdict.failure for verdict in verdicts) else 1)

@@ -93,7 +93,7 @@ def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict
         unknown = set(document) - {"title"}
         if unknown:
             raise InputError(f"{path}: {sorted(unknown)[0]} is not known; an extra maneuver has title and [[interval]]")
-        if not isinstance(sections, list) or not sections or not all(isinstance(one, dict) for one in sections):
+        if not isinstance(sections, list) or not sections or not all(isinstance(section, dict) for section in sections):
             raise InputError(f"{path}: no [[interval]] sections")
         try:
             append_intervals(chosen, sections)

@@ -81,7 +81,7 @@ def command(
     noise = RemainderNoise()
     if calibration is not None:
         priors = (prior_sigma_g, prior_sigma_bias, prior_mounting or None, prior_scale or None)
-        if any(one is not None for one in priors):
+        if any(prior is not None for prior in priors):
             raise InputError("--calibration has the covariance of G and b: leave out --prior-sigma-g and the other priors")
         known = read_calibration(calibration)
         loaded, P0, noise = known.apply(loaded), known.covariance, known.noise

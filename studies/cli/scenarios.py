@@ -29,7 +29,7 @@ def command(name: str | None, as_json: Path | None) -> None:
 
             flown = adopted_scenario.load(name)
             assert isinstance(flown.plan, scenarios.Scenario)  # none that is built in flies a recording again
-            effects = {"effect": [tabulate_setting(one) for one in flown.effects]} if flown.effects else {}
+            effects = {"effect": [tabulate_setting(effect) for effect in flown.effects]} if flown.effects else {}
             write_json(as_json, flown.plan.model_dump(mode="json") | effects)
         return
     titles = {one: str(scenarios.load_document(one).get("title", "")) for one in scenarios.names()}

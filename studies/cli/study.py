@@ -136,7 +136,9 @@ def command(
     missed = {
         "failed": f"{len(outcome.failures)} of {outcome.cases} cases failed" if outcome.failures else "",
         "until": f"{stop['asked']} is not met" if stop and not stop["met"] else "",
-        "require": "; ".join(f"{one['requirement']} is {one['outcome']}" for one in answers if one["outcome"] != "met"),
+        "require": "; ".join(
+            f"{answer['requirement']} is {answer['outcome']}" for answer in answers if answer["outcome"] != "met"
+        ),
     }
     if found := [f"--fail-on {word}: {missed[word]}" for word in words if missed[word]]:
         click.echo(f"gyrocal: {', '.join(found)}", err=True)

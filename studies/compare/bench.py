@@ -148,7 +148,7 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
 
 def _find_predicted_amplitudes(scenario: AdoptedScenario) -> NDArray[np.intp]:
     """Places, among all amplitudes, of those of the effects that are functions of the motion."""
-    counts = [REGISTRY[one.effect].amplitudes(one).size for one in scenario.effects]
+    counts = [REGISTRY[effect.effect].amplitudes(effect).size for effect in scenario.effects]
     predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in scenario.effects]
     return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
 
@@ -167,6 +167,6 @@ def _differentiate_response(
 
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
     """Compute the change of a noise-free recording by the predicted ones of some effects."""
-    predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTABLE_STAGES]
+    predicted = [effect for effect in effects if REGISTRY[effect.effect].stage in PREDICTABLE_STAGES]
     shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))

@@ -172,7 +172,7 @@ def build_scenario_comparison(
     return ScenarioComparison(
         name=name,
         title=scenario.title,
-        effects=tuple(one.label() for one in scenario.effects),
+        effects=tuple(effect.label() for effect in scenario.effects),
         fitted=bench.fitted,
         flights=len(flights),
         statistics=tabulate_statistics(measured, [flight.under for flight in flights], bench.fitted),

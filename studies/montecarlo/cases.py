@@ -123,9 +123,11 @@ def build_ended_result(task: Task, trace: str = "") -> Result:
 def merge_results(results: Iterable[Result]) -> Result:
     """One result from several."""
     whole = Result([], {})
-    for one in results:
-        tracebacks, warnings = whole.tracebacks | one.tracebacks, whole.warnings + one.warnings
-        whole = Result(whole.rows + one.rows, tracebacks, whole.cpu_s + one.cpu_s, warnings, one.made_with or whole.made_with)
+    for result in results:
+        tracebacks, warnings = whole.tracebacks | result.tracebacks, whole.warnings + result.warnings
+        whole = Result(
+            whole.rows + result.rows, tracebacks, whole.cpu_s + result.cpu_s, warnings, result.made_with or whole.made_with
+        )
     return whole
 
 

@@ -25,12 +25,12 @@ NOT_SIMULATED = "This run did not simulate what the verdict needs."
 class PaperResults:
     """What a paper's reproduction found."""
 
-    results: Results  # of the reproduction
+    reproduction: Results
     studies: Path  # folder of the studies' results
 
     def __getitem__(self, path: str) -> Any:
         """Return a number of the summary; `KeyError` if it is missing or None."""
-        value = self.results.summary[path]
+        value = self.reproduction.summary[path]
         if value is None:
             raise KeyError(path)
         return value
@@ -41,7 +41,7 @@ class PaperResults:
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table of the reproduction."""
-        return self.results.tables[name]
+        return self.reproduction.tables[name]
 
     def study(self, name: str, table: str) -> pd.DataFrame:
         """Read a table of a study."""
@@ -84,7 +84,7 @@ class JudgedClaim:
 
     claim: Claim
     verdict: Verdict
-    found: str
+    finding: str  # a sentence
 
 
 def judge_claims(claims: Sequence[Claim], results: PaperResults) -> list[JudgedClaim]:

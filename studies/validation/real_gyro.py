@@ -133,13 +133,13 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
     return [
         {
             "kind": "prediction",
-            "horizon_s": one.horizon_s,
-            "predictions": float(len(one.error)),
-            "rms_deg": float(np.rad2deg(one.rms)),
-            "normalised_rms": float(np.sqrt(np.mean(np.square(one.normalised_rms)))),
-            **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", one.normalised_rms, strict=True)},
+            "horizon_s": error.horizon_s,
+            "predictions": float(len(error.error)),
+            "rms_deg": float(np.rad2deg(error.rms)),
+            "normalised_rms": float(np.sqrt(np.mean(np.square(error.normalised_rms)))),
+            **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", error.normalised_rms, strict=True)},
         }
-        for one in compute_prediction_errors(second, known)
+        for error in compute_prediction_errors(second, known)
     ]
 
 

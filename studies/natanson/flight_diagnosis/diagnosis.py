@@ -169,7 +169,7 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
 def _sum_probability(attribution: Attribution, effect: str) -> float:
     """Sum the probability of the explanations that hold an effect, on whatever axis."""
     holders = [one for one in attribution.ranked if any(label.startswith(effect) for label in one.labels)]
-    return sum(one.probability for one in holders)
+    return sum(holder.probability for holder in holders)
 
 
 def search_with_relinearisation(
