@@ -43,16 +43,16 @@ def command(
     from studies.allan.analysis import estimate_noise_terms
     from studies.allan.report import build_allan_page, draw_allan_figure
 
-    found = estimate_noise_terms(loaded, interval)
-    write_result(found.to_json(), as_json, partial(build_allan_page, found), report, loaded)
+    analysis = estimate_noise_terms(loaded, interval)
+    write_result(analysis.to_json(), as_json, partial(build_allan_page, analysis), report, loaded)
     if figure:
         from studies.report.panels import save
 
-        save(draw_allan_figure(found), figure)
+        save(draw_allan_figure(analysis), figure)
 
 
 def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
-    """A recording, which may do without references, or one of a table of the gyro alone."""
+    """Load a recording, which may have no references, or build one from a table of the gyro alone."""
     given = {name: value for name, value in options.items() if value is not None}
     if not path.is_file():
         if given:

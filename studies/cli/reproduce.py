@@ -113,8 +113,8 @@ def command(
         if now := committed_results.read(folder):
             summary, moved = committed_results.compare_results(now, before[name])
             if len(moved):
-                against = f"Moved against {COMMITTED / PAPER_FOLDERS[name].name}"
-                render.print_table(terminal, against, moved.head(MOST_MOVED).astype(str))
+                title = f"Moved against {COMMITTED / PAPER_FOLDERS[name].name}"
+                render.print_table(terminal, title, moved.head(MOST_MOVED).astype(str))
             terminal.print(summary, highlight=False, markup=False)
     if as_json:
         write_json(as_json, summaries[paper] if paper else summaries)

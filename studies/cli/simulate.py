@@ -85,20 +85,22 @@ def command(
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
-        on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
+        on_sensors = [setting.effect for setting in settings if setting.effect in SENSOR_EFFECTS]
         if on_sensors:
             raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
         original = load(scenario)
 
         from gyrocal.calibration.davenport import calibrate
 
-        fitted = calibrate(original).parameters
-        recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
-        G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
+        parameters = calibrate(original).parameters
+        recording = replay(original, parameters.G, parameters.bias, settings, seed=seed, case=case, noise=noise)
+        G, bias_deg_s = parameters.G.tolist(), np.rad2deg(parameters.bias).tolist()
     else:
         chosen = adopted_scenario.load(scenario)
-        own = chosen.replace_amplitudes(chosen.draw_amplitudes(generator(seed, case, "posterior"))) if draw else chosen.effects
-        settings = [*own, *settings]
+        stated = chosen.effects
+        if draw:
+            stated = chosen.replace_amplitudes(chosen.draw_amplitudes(generator(seed, case, "posterior")))
+        settings = [*stated, *settings]
         if isinstance(chosen.plan, ReplayPlan):
             _refuse(changes)
             recording = chosen.fly(seed, case, settings, noise)
@@ -112,8 +114,8 @@ def command(
         write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [tabulate_setting(setting) for setting in settings]})
     if as_json:
         counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
-        effects_done = [tabulate_setting(setting) for setting in settings]
-        about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": effects_done}
+        written_effects = [tabulate_setting(setting) for setting in settings]
+        about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": written_effects}
         write_json(as_json, about | counts | {"reference_attitudes": recording.attitudes.t_s.size})
     click.echo(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
@@ -122,7 +124,7 @@ def command(
 
 
 def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:
-    """Options that a replay of a recording does not have."""
+    """Raise `InputError` for options that a replay of a recording does not have."""
     if changes:
         raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
     if draw:

@@ -133,19 +133,20 @@ def command(
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
         write_json(as_json, about | {name: outcome.manifest.get(name) for name in ("until", "requirements")})
     stop, answers = outcome.manifest.get("until"), outcome.manifest.get("requirements", ())
-    missed = {
+    reasons = {
         "failed": f"{len(outcome.failures)} of {outcome.cases} cases failed" if outcome.failures else "",
         "until": f"{stop['asked']} is not met" if stop and not stop["met"] else "",
         "require": "; ".join(
             f"{answer['requirement']} is {answer['outcome']}" for answer in answers if answer["outcome"] != "met"
         ),
     }
-    if found := [f"--fail-on {word}: {missed[word]}" for word in words if missed[word]]:
-        click.echo(f"gyrocal: {', '.join(found)}", err=True)
+    if failed := [f"--fail-on {word}: {reasons[word]}" for word in words if reasons[word]]:
+        click.echo(f"gyrocal: {', '.join(failed)}", err=True)
         raise SystemExit(STATUS)
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
+    """Print the rows of a repeated case, its traceback, its recording's folder, and whether the rows are the same."""
     from studies.report import tables as render
 
     render.print_table(make_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
@@ -158,7 +159,7 @@ def _show_rerun(result: engine.Rerun, folder: Path) -> None:
 
 
 def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
-    """The words of --fail-on; an `InputError` if one is unknown, or on a criterion that is not given."""
+    """Parse the words of --fail-on; an `InputError` if one is unknown, or on a criterion that is not given."""
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
         if word not in known:
@@ -169,7 +170,7 @@ def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
 
 
 def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, Any]:
-    """The criteria of --until and --require; what parses them is loaded only where they are given."""
+    """Parse the criteria of --until and --require; the parsers are loaded only if they are given."""
     if not (until or required):
         return {"until": None, "requirements": []}
     from studies.montecarlo.criteria import Requirement, StoppingRule
