@@ -116,11 +116,10 @@ def estimate_covariance(deviation: Deviation, squares: Mapping[str, float]) -> A
             if white:
                 white_weights = _compute_white_covariance(a, b)
                 white_lags = np.array(sorted(white_weights), dtype=np.intp)
-                white_covariance = white * np.array([white_weights[int(k)] for k in white_lags])
+                w = white * np.array([white_weights[int(k)] for k in white_lags])
                 c = _compute_difference_covariance(white_lags, a, b, kappa)
-                total += _count_pairs(white_lags, a, b, deviation.lengths) @ (
-                    4 * c * white_covariance + 2 * white_covariance**2 + trend * white_covariance
-                )
+                # 2 (c + w)² + trend (c + w) minus the terms without w, which are summed above.
+                total += _count_pairs(white_lags, a, b, deviation.lengths) @ (4 * c * w + 2 * w**2 + trend * w)
             scale = 4.0 * deviation.counts[i] * deviation.counts[j] * deviation.tau_s[i] ** 2 * deviation.tau_s[j] ** 2
             covariance[i, j] = covariance[j, i] = total / scale
     return covariance

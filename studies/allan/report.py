@@ -59,10 +59,8 @@ def list_remarks(analysis: NoiseAnalysis) -> list[str]:
         if analysis.arw and not walk.seen:
             out.append(f"{name}: no angle random walk is seen.")
         elif analysis.arw and abs(walk.value - analysis.arw) > OFF * walk.sigma:
-            deviation_in_sigma, ratio = abs(walk.value - analysis.arw) / walk.sigma, walk.value / analysis.arw
-            out.append(
-                f"{name}: the angle random walk is {ratio:.3g} times the stated one, {deviation_in_sigma:.0f} sigma off."
-            )
+            difference, ratio = abs(walk.value - analysis.arw) / walk.sigma, walk.value / analysis.arw
+            out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {difference:.0f} sigma off.")
         for alternative in axis.fit.alternatives:
             out.append(f"{name}: {' + '.join(alternative)} would fit as well; the deviation cannot tell.")
     return [*out, *analysis.notes, f"Lines are looked for with periods up to {analysis.longest_period_s:.3g} s."]

@@ -118,12 +118,11 @@ def compare(
         if calibration.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
         setup = MeasurementSetup.build(recording, calibration.parameters)
-        baseline = AdoptedScenario(
-            "the baseline on the recording's own plan", ReplayPlan(recording, calibration.G, calibration.bias)
-        )
+        plan = ReplayPlan(recording, calibration.G, calibration.bias)
+        baseline = AdoptedScenario("the baseline on the recording's own plan", plan)
         all_scenarios = [(BASELINE, baseline), *scenarios]
         prepared_scenarios = [PreparedScenario.build(scenario, recording, setup, name) for name, scenario in all_scenarios]
-        recorded_statistics = setup.measure(recording)
+        plain = setup.measure(recording)
         standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
         for (name, scenario), prepared in zip(all_scenarios, prepared_scenarios, strict=True):
@@ -131,9 +130,7 @@ def compare(
             if not standings:
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = setup.measure(prepared.stated.subtract_from(recording))
-            standings.append(
-                build_scenario_comparison(name, scenario, prepared, recorded_statistics, measured, flights, floors)
-            )
+            standings.append(build_scenario_comparison(name, scenario, prepared, plain, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
 
 
@@ -155,7 +152,7 @@ def build_scenario_comparison(
     name: str,
     scenario: AdoptedScenario,
     prepared: PreparedScenario,
-    recorded_statistics: RecordingStatistics,
+    plain: RecordingStatistics,
     measured: RecordingStatistics,
     flights: Sequence[FlightStatistics],
     floors: tuple[float, float],
@@ -167,12 +164,12 @@ def build_scenario_comparison(
     mean_squares = np.array([flight.under.mean_square for flight in flights])
     samples = np.array([flight.under.samples for flight in flights])
     errors = np.column_stack([[flight.error for flight in flights], mean_squares])
-    recorded = recorded_statistics.mean_square, measured.mean_square
+    recorded = plain.mean_square, measured.mean_square
     attitude_gap = compute_gap(recorded, (floors[0], float(mean_squares.mean())), errors, shift=prepared.size_error)
     samples_gap = None
-    if np.isfinite([recorded_statistics.samples, floors[1], *samples]).all():
+    if np.isfinite([plain.samples, floors[1], *samples]).all():
         errors = np.column_stack([[flight.before_samples for flight in flights], samples])
-        samples_gap = compute_gap((recorded_statistics.samples, measured.samples), (floors[1], float(samples.mean())), errors)
+        samples_gap = compute_gap((plain.samples, measured.samples), (floors[1], float(samples.mean())), errors)
     return ScenarioComparison(
         name=name,
         title=scenario.title,

@@ -86,10 +86,8 @@ class Outcome:
         """Summarise the cases, failures and times in one line."""
         resumed = f" ({self.resumed} of them from an earlier run)" if self.resumed else ""
         kinds = Counter(error.partition(":")[0] for error in self.failures.values())
-        kinds_text = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
-        failed = (
-            f"{len(self.failures)} failed ({kinds_text}; see {self.folder / 'failures'})" if self.failures else "none failed"
-        )
+        counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
+        failed = f"{len(self.failures)} failed ({counts}; see {self.folder / 'failures'})" if self.failures else "none failed"
         met = ""
         if until := self.manifest.get("until"):
             answer = "met" if until["met"] else "NOT met"

@@ -124,15 +124,12 @@ def _read_imports(module: str, path: Path, is_package: bool) -> list[str]:
         dots = len(source) - len(source.lstrip("."))
         above = module.split(".")[: len(module.split(".")) - dots + is_package] if dots else []
         base = ".".join([*above, *filter(None, [source.lstrip(".")])])
-        names += [
-            base,
-            *(f"{base}.{part.split()[0]}" for part in imported.strip("() \n").split(",") if source and part.strip()),
-        ]
+        attributes = [part.split()[0] for part in imported.strip("() \n").split(",") if source and part.strip()]
+        names += [base, *(f"{base}.{attribute}" for attribute in attributes)]
         names += [part.split()[0] for part in plain.split(",") if part.strip()] + [computed]
     if is_package and "import_module(f" in text:
-        names += [
-            ".".join([module, *part.relative_to(path.parent).with_suffix("").parts]) for part in path.parent.rglob("*.py")
-        ]
+        files = [file.relative_to(path.parent).with_suffix("") for file in path.parent.rglob("*.py")]
+        names += [".".join([module, *file.parts]) for file in files]
     return [name for name in names if name]
 
 
@@ -146,9 +143,8 @@ def describe_machine() -> dict[str, str]:
     loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
     # Another package may have loaded its own BLAS, in this process and not in a worker.
     used = [library for library in loaded if re.search("numpy|scipy", library["filepath"])] or loaded
-    kernels = {
-        " ".join(str(library.get(key) or "?") for key in ("internal_api", "version", "architecture")) for library in used
-    }
+    keys = ("internal_api", "version", "architecture")
+    kernels = {" ".join(str(library.get(key) or "?") for key in keys) for library in used}
     vectors = (np.show_config(mode="dicts") or {}).get("SIMD Extensions", {})
     return {
         "system": f"{platform.system()} {platform.machine()} {' '.join(platform.libc_ver())}".strip(),

@@ -116,11 +116,9 @@ class Session:
     def _store(self, cases: range, result: Result) -> None:
         """Store a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with):
-            machine_changes = list_changes(self.made_with["machine"], result.made_with["machine"])
+            machine = list_changes(self.made_with["machine"], result.made_with["machine"])
             files = list_changes(self.made_with["sources"], result.made_with["sources"], values=False)
-            raise InputError(
-                f"a worker differs ({machine_changes or files}); make them alike, or undo what was edited during the run"
-            )
+            raise InputError(f"a worker differs ({machine or files}); make them alike, or undo what was edited during the run")
         for case in cases:
             path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
             if case in result.tracebacks:

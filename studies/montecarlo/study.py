@@ -224,14 +224,14 @@ def simulate_case_motion(scenario: Scenario) -> Motion:
     """
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     zero = (0.0, 0.0, 0.0)
-    constants = {
+    fixed = {
         "true_G": unit,
         "apriori_G": unit,
         "true_bias_deg_s": zero,
         "apriori_bias_deg_s": zero,
         "arw_deg_per_sqrt_s": 0.0,
     }
-    gyro = scenario.gyro.model_copy(update=constants)
+    gyro = scenario.gyro.model_copy(update=fixed)
     reference = scenario.reference.model_copy(update={"sigma_deg": (1.0, 1.0, 1.0)})
     return _simulate_cached_motion(scenario.model_copy(update={"gyro": gyro, "reference": reference}))
 

@@ -325,9 +325,8 @@ def check_limits(change: CalibrationChange, max_sigma: float | None, max_change:
     verdicts = []
     if max_sigma is not None:
         for name, moved in zip(NAMES, change.in_sigma, strict=True):
-            verdicts.append(
-                Verdict(f"{name} < {max_sigma:g} sigma", f"moved by {moved:.1f} sigma" if moved >= max_sigma else "")
-            )
+            failure = f"moved by {moved:.1f} sigma" if moved >= max_sigma else ""
+            verdicts.append(Verdict(f"{name} < {max_sigma:g} sigma", failure))
         failure = f"χ² = {change.chi2:.1f} of {change.dof}" if change.p_value <= math.erfc(max_sigma / math.sqrt(2)) else ""
         verdicts.append(Verdict(f"all parameters together < {max_sigma:g} sigma", failure))
     size = dict(zip(NAMES, np.abs(change.difference), strict=True))

@@ -64,10 +64,8 @@ def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
             band, before, after = (part[f"{column}_{axis}"].to_numpy() for column in ("band", "before", "after"))
             styles = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
             expected = Line(minutes, 0 * band, "baseline, ±2 sigma", "0.6", "-", -2 * band, 2 * band)
-            lines = [
-                expected,
-                Line(minutes, before, "before: the baseline's own fit", BEFORE, styles[0], size=3.2, hollow=True),
-            ]
+            lines = [expected]
+            lines.append(Line(minutes, before, "before: the baseline's own fit", BEFORE, styles[0], size=3.2, hollow=True))
             if is_residual_changed(residuals):
                 lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, styles[1], size=3.2))
             title = f"{_shorten_name(name)}: {AXIS_TITLES[axis]}"

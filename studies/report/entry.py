@@ -145,13 +145,8 @@ def build_tolerance_table(rows: pd.DataFrame) -> Table:
         if not str(name).startswith(DISPERSED):
             low, high = compute_tolerance_interval(present)
             line = {"column": name, "cases": len(present), "missing": len(values) - len(present)}
-            line |= {
-                "infinite": int(np.isinf(present).sum()),
-                "median": compute_quantile(present, 0.5),
-                "low": low,
-                "high": high,
-            }
-            lines.append(line)
+            infinite, median = int(np.isinf(present).sum()), compute_quantile(present, 0.5)
+            lines.append(line | {"infinite": infinite, "median": median, "low": low, "high": high})
     note = (
         "Low to high holds 95 % of all cases that do not fail and have a value, with 95 % confidence, whatever the "
         "distribution. Missing cases have no value; an end that reaches infinite values is infinite."

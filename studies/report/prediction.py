@@ -36,9 +36,8 @@ def build_prediction_page(
         f"One sigma of the attitude about x, y and z over {t[-1]:.4g} s, from {first} to {last} arcsec.",
         "One sigma about each body axis, from the references' errors, the gyro's noise, and its parameters.",
     )
-    reference_check = (
-        f"{prediction.used} references are used; their χ² about their predictions is {prediction.chi2:.1f} of {prediction.dof}."
-    )
+    chi2 = f"{prediction.chi2:.1f} of {prediction.dof}"
+    reference_check = f"{prediction.used} references are used; their χ² about their predictions is {chi2}."
     shown = table.iloc[np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))]
     attitude_table = PageTable(shown.apply(_format_column), label=f"Attitude from {from_s:g} s by gyro alone")
     section = Section("The attitude", [attitude_table])

@@ -27,10 +27,8 @@ def shift_mission_start(config: MissionConfig, days: float) -> MissionConfig:
         latitude_argument=config.orbit.latitude_argument + config.orbit.mean_motion * t,
     )
     epoch = (pd.Timestamp(config.epoch) + pd.Timedelta(days=days)).isoformat()
-    is_sun_at_positive_angle = float(compute_sun_angle(config.epoch, config.orbit, t)) > 0
-    return replace(
-        config, epoch=epoch, orbit=orbit, forward="+x" if is_sun_at_positive_angle else "-x", maneuvers=(), uploads=()
-    )
+    is_plus_x = float(compute_sun_angle(config.epoch, config.orbit, t)) > 0
+    return replace(config, epoch=epoch, orbit=orbit, forward="+x" if is_plus_x else "-x", maneuvers=(), uploads=())
 
 
 def convert_to_mission_day(moment: str, config: MissionConfig) -> float:

@@ -112,9 +112,7 @@ def _make_coefficient_judge(sensor: str) -> Judge:
         rows = results.table("tangents")
         rows = rows[rows["sensor"] == sensor]
         slipped = rows[(rows["slip"] != 1) & ((rows["tan_alpha"] / rows["geometry"] - 1).abs() < TANGENT_TOLERANCE)]
-        parts = [
-            f"{row.number} printed {row.published_1e6:g}e-6, computed {row.computed_1e6:.0f}e-6" for row in rows.itertuples()
-        ]
+        parts = [f"{r.number} printed {r.published_1e6:g}e-6, computed {r.computed_1e6:.0f}e-6" for r in rows.itertuples()]
         text = f"For boresights {results['geometry.elevation_deg']:.1f}° toward zenith: {'; '.join(parts)}."
         if not (rows["published_1e6"] * rows["computed_1e6"] > 0).all():
             return "open", f"{text} The signs do not agree."

@@ -97,9 +97,6 @@ def find_nearest_slip(ratio: float, expected: float) -> tuple[float, float]:
 def summarise_availability(table: pd.DataFrame) -> dict[str, float]:
     """Return the share of the orbit with data with level and raised boresights, and the largest share."""
     by_elevation = table.set_index("tilt_deg").loc[20.0]  # degrees, the simulated tilt
-    shares = {
-        "level": by_elevation["up_0_deg"],
-        "raised": by_elevation["up_29.4_deg"],
-        "best": table.drop(columns="tilt_deg").to_numpy().max(),
-    }
+    best = table.drop(columns="tilt_deg").to_numpy().max()
+    shares = {"level": by_elevation["up_0_deg"], "raised": by_elevation["up_29.4_deg"], "best": best}
     return {"elevation_deg": float(np.rad2deg(-ELEVATION))} | {f"share_{name}": float(x) for name, x in shares.items()}

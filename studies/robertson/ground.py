@@ -170,9 +170,8 @@ def compare_alignment(entropy: int = 1998) -> pd.DataFrame:
     base = MissionConfig(mounting="heads", sun_sensors=build_mounted_sensors("heads"))
     base = replace(base, earth_sensor=replace(base.earth_sensor, biases=np.zeros(4)))
     aligned = [align_one_orbit(base, angle, entropy, k) for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS))]
-    estimated = np.mean(
-        [Rotation.from_matrix(result.misalignment["DSS-2"]).as_rotvec(degrees=True) for result in aligned], axis=0
-    )
+    vectors = [Rotation.from_matrix(result.misalignment["DSS-2"]).as_rotvec(degrees=True) for result in aligned]
+    estimated = np.mean(vectors, axis=0)
     U, _, V = np.linalg.svd(R3_M)  # the printed matrix is rounded: the rotation nearest to it
     published = Rotation.from_matrix(U @ V).as_rotvec(degrees=True)
     return pd.DataFrame({"what": [f"m_{axis} of DSS-2 (deg)" for axis in "xyz"], "found": estimated, "R": published})

@@ -271,27 +271,18 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     }
     heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
     shares = {name: float(rows.loc[rows["truth"].isin(truths), "right"].mean()) for name, truths in groups.items()}
-    apparent_misalignment = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
+    apparent_deg = float(np.linalg.norm([heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]))
     r_cases = rows[rows["truth"] == "R"]
     differences = [
         r_cases[f"orthogonal {setting.effect} {k} found"].mean() - value
         for setting in map(parse, ALIGNMENT if len(r_cases) else ())
         for k, value in enumerate(compute_sensor_amplitudes(setting))
     ]
+    difference_deg = np.abs(differences).max(initial=0.0)
     return (
         *(Check(f"share of right answers, {name}", share, meaning=CORRECT_ANSWER_NOTE) for name, share in shares.items()),
-        Check(
-            "misalignment that an orthogonal calibration makes of heads alone",
-            float(np.linalg.norm(apparent_misalignment)),
-            unit="deg",
-        ),
-        Check(
-            "what it makes of R's truth, less R (3) and R's biases",
-            np.abs(differences).max(initial=0.0),
-            bound_above(0.005),
-            "deg",
-            R3,
-        ),
+        Check("misalignment that an orthogonal calibration makes of heads alone", apparent_deg, unit="deg"),
+        Check("what it makes of R's truth, less R (3) and R's biases", difference_deg, bound_above(0.005), "deg", R3),
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
         Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), bound_above(0), f"of {len(rows)}"),
     )
