@@ -102,8 +102,8 @@ def _import_file(path: Path) -> ModuleType:
         raise
     except (Exception, SystemExit) as error:  # the file may run any code
         lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename).stem == name]
-        where = f"{path}, line {lines[-1]}" if lines else str(path)
-        raise InputError(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
+        place = f"{path}, line {lines[-1]}" if lines else str(path)
+        raise InputError(f"{place}: {type(error).__name__}: {' '.join(str(error).split())}") from None
 
 
 def describe_study(name: str) -> str:
@@ -160,25 +160,25 @@ def build_report(study_entry: Entry, settings: Any, outcome: engine.Outcome, ans
     from studies.report.entry import build_tolerance_table
 
     rows = outcome.load()
-    good = rows[rows["error"] == ""].reset_index(drop=True)
-    if good.empty:
+    good_rows = rows[rows["error"] == ""].reset_index(drop=True)
+    if good_rows.empty:
         raise InputError(
             f"{outcome.folder}: every case failed, the first one with {rows['error'].iloc[0]}; {outcome.folder}/failures has "
             "the tracebacks, and --retry-failed runs the cases again"
         )
     try:
-        result = study_entry.report(settings, good)
+        result = study_entry.report(settings, good_rows)
     except Exception as error:
         error.add_note(
             f"The report failed; {outcome.table} has the rows. The same command makes the report again; "
             "after a change of the source code choose another --out."
         )
         raise
-    is_row_a_case = good["case"].is_unique and len(good) >= FEWEST_TOLERANCE_CASES
+    is_row_a_case = good_rows["case"].is_unique and len(good_rows) >= FEWEST_TOLERANCE_CASES
     has_intervals = is_row_a_case and draws_independently(settings)
     return replace(
         result,
-        tables={**result.tables, **({"tolerance": build_tolerance_table(good)} if has_intervals else {})},
+        tables={**result.tables, **({"tolerance": build_tolerance_table(good_rows)} if has_intervals else {})},
         checks=(*check_requirements(answers), *result.checks),
         findings=(*map(str, answers), *result.findings),
     )

@@ -153,8 +153,8 @@ def describe_origin(folder: Path) -> str:
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     commit = manifest.get("commit") or "unknown"
-    shown = f"{commit[:12]}{commit[40:]}"  # what follows the forty digits says whether there were changes
-    return f"{manifest.get('command', '')}, commit {shown}; {folder.name}/manifest.json has the hash of each file."
+    short_commit = f"{commit[:12]}{commit[40:]}"  # what follows the forty digits says whether there were changes
+    return f"{manifest.get('command', '')}, commit {short_commit}; {folder.name}/manifest.json has the hash of each file."
 
 
 def _build_claim_section(paper: Paper, results: PaperResults) -> Section:

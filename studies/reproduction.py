@@ -75,7 +75,7 @@ class Reproduction:
         return outcome
 
     def publish(
-        self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table], **about: Any
+        self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], page_tables: Sequence[Table], **about: Any
     ) -> None:
         """Write tables, figures, the summary, the page of head, shown tables and figures, and the manifest; show the tables.
 
@@ -87,10 +87,10 @@ class Reproduction:
         for name, (title, draw) in self.figures.items():
             draw(folder / f"{name}.svg")
             figure_lines += [f"## {title}", "", f"![{title}]({name}.svg)", ""]
-        sections = [render.format_markdown(table.title, table.data, table.note) for table in shown]
+        sections = [render.format_markdown(table.title, table.data, table.note) for table in page_tables]
         write_text(folder / page, "\n".join([*head, *sections, *figure_lines]))
         write_json(folder / "summary.json", self.summary)
-        for table in shown:
+        for table in page_tables:
             render.print_table(self.console, table.title, table.data, table.note)
         wall_s = round(time.monotonic() - self.begun, 2)
         write_manifest(folder, outcome.manifest | about | {"wall_s": wall_s})

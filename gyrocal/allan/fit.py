@@ -131,9 +131,9 @@ class _TermSet:
         """Return the coefficient of a term, which is not seen if the set is without it."""
         if term not in self.terms:
             return TermEstimate(term, seen=False)
-        place = self.terms.index(term)
-        value = float(np.exp(self.logs[place]))
-        return TermEstimate(term, True, value, value * float(np.sqrt(self.variances[place])))
+        index = self.terms.index(term)
+        value = float(np.exp(self.logs[index]))
+        return TermEstimate(term, True, value, value * float(np.sqrt(self.variances[index])))
 
 
 @dataclass(frozen=True)
@@ -186,9 +186,9 @@ def _build_problem(deviation: Deviation, floor: Array, white: Array | None, squa
     """
     V = _compute_relative_covariance(deviation, squares)
     if white is not None:
-        share = floor / (floor + _compute_variance(deviation, squares))
-        cross_variance = np.sqrt(np.diag(V) * np.diag(white)) * share * (1 - share)
-        V = V * np.outer(1 - share, 1 - share) + white * np.outer(share, share) + 2 * np.diag(cross_variance)
+        s = floor / (floor + _compute_variance(deviation, squares))  # share of the floor
+        cross_variance = np.sqrt(np.diag(V) * np.diag(white)) * s * (1 - s)
+        V = V * np.outer(1 - s, 1 - s) + white * np.outer(s, s) + 2 * np.diag(cross_variance)
     # A ramp alone has no scatter, so that ν would be infinite: it is limited to the number of samples.
     degrees = np.clip(2 / np.diag(V), 0.5, max(deviation.lengths))
     scale = np.sqrt(polygamma(1, degrees / 2) / np.diag(V))
@@ -234,8 +234,8 @@ def _select_likely_sets(sets: list[_TermSet], build: Callable[[Mapping[str, floa
 
     The covariances differ, since a trend has less scatter than noise of its size.
     """
-    least = min(term_set.cost for term_set in sets)
-    likely = [term_set for term_set in sets if term_set.cost < least + CANDIDATE_CHI2_MARGIN]
+    least_cost = min(term_set.cost for term_set in sets)
+    likely = [term_set for term_set in sets if term_set.cost < least_cost + CANDIDATE_CHI2_MARGIN]
     for _ in range(REWEIGHTING_ROUNDS):
         likely = [_fit_set(term_set.terms, build(term_set.squares), term_set.logs) for term_set in likely]
     return sorted(likely, key=lambda term_set: term_set.cost)

@@ -105,8 +105,8 @@ def _estimate_axis_noise(
     # Rates from which references were subtracted hold the references' errors: the mean Allan variance of drawn ones.
     draws = REFERENCE_ERROR_DRAWS if any(not part.rest for part in parts) else 1
     generators = [generator(0, case, "allan references") for case in range(draws)]
-    drawn = [compute_deviation(part.draw_reference_rates(rng) for part in parts).variance for rng in generators]
-    floor = np.asarray(np.mean(drawn, axis=0))
+    reference_variances = [compute_deviation(part.draw_reference_rates(rng) for part in parts).variance for rng in generators]
+    floor = np.asarray(np.mean(reference_variances, axis=0))
     fit = fit_terms(compute_deviation(clean), floor)
     low, high = deviation.band(fit.degrees, BAND_CONFIDENCE)
     tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in lines)
@@ -140,11 +140,11 @@ def mark_measured_samples(recording: Recording) -> tuple[Mask, list[str]]:
     if findings.tests[0].expected == 0:  # no repeat is due to chance, not even at the largest reading
         follows = mark_consecutive_samples(recording, used)
         repeated = repeated | (follows & np.append(False, (rates[1:] == rates[:-1]).all(axis=1)))
-    share = float(repeated[used].mean())
+    new = 1 - float(repeated[used].mean())  # share of samples that repeat no other
     note = (
         f"{int(repeated.sum())} of {int(used.sum())} samples repeat the one before on all axes and are left out, as lost ones. "
-        f"If the gyro itself measures at {1 - share:.3g} of the rate, its angle random walk is {1 / np.sqrt(1 - share):.4g} "
-        f"times the one here, and averaging times are {1 / (1 - share):.4g} times longer"
+        f"If the gyro itself measures at {new:.3g} of the rate, its angle random walk is {1 / np.sqrt(new):.4g} "
+        f"times the one here, and averaging times are {1 / new:.4g} times longer"
     )
     return ~repeated, [note]
 

@@ -67,8 +67,8 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
     ]
     stretches = tuple(stretch for stretch in built if stretch is not None)
     if not stretches:
-        where = "the recording" if interval is None else f"interval {interval}"
-        raise InputError(f"no stretch of {where} shows the gyro's noise: all of it moves, or it is shorter than 256 samples")
+        subject = "the recording" if interval is None else f"interval {interval}"
+        raise InputError(f"no stretch of {subject} shows the gyro's noise: all of it moves, or it is shorter than 256 samples")
     notes = [] if all(stretch.rest for stretch in stretches) else list(calibrate_once()[1])
     if omitted := len(built) - len(stretches):
         notes.append(f"{omitted} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")

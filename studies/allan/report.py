@@ -92,13 +92,13 @@ def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
 def build_allan_page(analysis: NoiseAnalysis, provenance: ProvenanceFooter | None = None) -> Page:
     """Build the page."""
     table = build_terms_table(analysis)
-    seen = list(table["value"] != "not seen")
+    is_seen = list(table["value"] != "not seen")
     picture = Picture("allan", partial(draw_allan_figure, analysis), describe_allan_figure(analysis), CAPTION)
     rests = "Rests are used as recorded. Elsewhere the motion by the references is subtracted."
     stretches = pd.DataFrame([describe_stretch(stretch) for stretch in analysis.stretches])
     first, *further = list_remarks(analysis) or ["The angle random walk is as stated."]
     sections = [
-        Section("Terms of IEEE Std 952", [PageTable(table, seen, "Terms of IEEE Std 952", ALLAN_TERMS_NOTE)]),
+        Section("Terms of IEEE Std 952", [PageTable(table, is_seen, "Terms of IEEE Std 952", ALLAN_TERMS_NOTE)]),
         Section("Stretches", [PageTable(stretches, (), "Stretches", rests)]),
         *([Section("Remarks", [further])] if further else []),
     ]

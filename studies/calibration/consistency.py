@@ -179,9 +179,9 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
         "mean": [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)],
         "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
     }
-    share = summaries.SIGMA_LEVELS["95"]
-    inside = int(np.sum(square <= scipy.stats.chi2.ppf(share, d)))
-    table["coverage"] = [share, *statistics.compute_binomial_interval(inside, n, confidence)]
+    probability = summaries.SIGMA_LEVELS["95"]
+    inside = int(np.sum(square <= scipy.stats.chi2.ppf(probability, d)))
+    table["coverage"] = [probability, *statistics.compute_binomial_interval(inside, n, confidence)]
     counts = count_ranks(y, bins)
     table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
     out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
@@ -194,8 +194,8 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
 
 def summarise_verdicts(checks: pd.DataFrame) -> str:
     """Summarise an estimator's verdicts: "consistent" if every statistic is, or the failures, the most frequent first."""
-    wrong = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
-    return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else CONSISTENT
+    failures = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
+    return " and ".join(map(str, failures.value_counts().index)) if len(failures) else CONSISTENT
 
 
 def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> pd.DataFrame:
@@ -208,8 +208,8 @@ def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
     """Build a row an estimator: expected and actual verdict, and the statistics of all parameters together."""
 
     def summarise_estimator(table: pd.DataFrame) -> dict[str, object]:
-        whole = table[table["parameter"] == WHOLE].set_index("statistic")
-        nees = whole.loc["nees"]
+        joint = table[table["parameter"] == WHOLE].set_index("statistic")
+        nees = joint.loc["nees"]
         return {
             "expected": EXPECTED_VERDICTS[table["estimator"].iloc[0]],
             "verdict": summarise_verdicts(table),
@@ -218,8 +218,8 @@ def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
             "nees_per_dof": nees["value"],
             "nees_per_dof_low": nees["lower"],
             "nees_per_dof_high": nees["upper"],
-            "spread": whole.loc["spread", "value"],
-            "mean_F": whole.loc["mean", "value"],
+            "spread": joint.loc["spread", "value"],
+            "mean_F": joint.loc["mean", "value"],
         }
 
     return summarise_groups(checks, ["estimator"], summarise_estimator)

@@ -147,8 +147,8 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
     checks = []
     slopes = estimate_convergence_orders(rows).set_index(["direction", "noise"])
     for direction in (name for name in ERROR_DIRECTIONS if (name, False) in slopes.index):
-        for k, which in ((1, "first"), (2, "second")):
-            name = f"power of what was left that the {which} iteration leaves, {direction} error, no noise"
+        for k, ordinal in ((1, "first"), (2, "second")):
+            name = f"power of what was left that the {ordinal} iteration leaves, {direction} error, no noise"
             checks.append(Check(name, slopes[f"slope_{k}"][(direction, False)], (1.9, 2.1), "", QUADRATIC))
         ratio = slopes["second_over_first"].loc[direction]
         if True in ratio.index:

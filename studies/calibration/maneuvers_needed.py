@@ -174,8 +174,8 @@ def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
     """Report the smallest determining subsets, indispensable maneuvers, and the growth of sigmas without each."""
     kinds = {references: rows[rows["references"] == references] for references in REFERENCE_PLACEMENTS}
     columns = ["references", "maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
-    minimal = pd.concat([find_minimal_subsets(chosen)[columns] for chosen in kinds.values()])
-    checks = [check for kind, chosen in kinds.items() for check in _build_checks(chosen, kind)]
+    minimal = pd.concat([find_minimal_subsets(kind_rows)[columns] for kind_rows in kinds.values()])
+    checks = [check for kind, kind_rows in kinds.items() for check in _build_checks(kind_rows, kind)]
     tables = {"minimal": Table("Smallest determining subsets", minimal)}
     return Report(tables, {"left_out": _draw_growth_figure(config, kinds)}, tuple(checks))
 

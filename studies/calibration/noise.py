@@ -145,10 +145,10 @@ STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, run_case)
 
 def _select_flight_row(rows: pd.DataFrame) -> pd.Series:
     """Return the row with the flight's own noise."""
-    chosen = rows[rows["flight"]]
-    if len(chosen) != 1:
+    flight_rows = rows[rows["flight"]]
+    if len(flight_rows) != 1:
         raise InputError("noise: the case with the flight's noise failed; run the study again with its failed cases")
-    return chosen.iloc[0]
+    return flight_rows.iloc[0]
 
 
 def build_flight_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -176,10 +176,10 @@ def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
 
     The intervals have the stated confidence all together.
     """
-    chosen = rows[rows["seeds"] > 0]
-    tail = (1 - config.confidence) / (2 * len(NAMES) * max(len(chosen), 1))
+    points = rows[rows["seeds"] > 0]
+    tail = (1 - config.confidence) / (2 * len(NAMES) * max(len(points), 1))
     out = []
-    for point in chosen.to_dict("records"):
+    for point in points.to_dict("records"):
         dof = point["seeds"] - 1
         high, low = np.sqrt(dof / scipy.stats.chi2.ppf([tail, 1 - tail], dof))
         sigma, spread = (np.array([point[key] for key in keys]) for keys in (SIGMAS, SPREADS))
@@ -228,8 +228,8 @@ def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         for level, colour in shades.items():
             part = grid[grid["sigma_deg"] == level]
             lines.append(Line(part["arw_deg_per_sqrt_s"], part[keys].max(axis=1), f"{level:g}", colour))
-        chosen = spreads[spreads["parameter"].isin(members)].sort_values("sigma")
-        worst = chosen.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
+        group_spreads = spreads[spreads["parameter"].isin(members)].sort_values("sigma")
+        worst = group_spreads.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
         ranges = worst["spread_low"], worst["spread_high"], True
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"

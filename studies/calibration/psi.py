@@ -195,9 +195,9 @@ ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle
 
 def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """Draw linear ψ's difference as a map, and with full ψ's error over the angle per step; largest slew angle."""
-    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
+    largest_slew_rows = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
     difference_map = panels.make_heat_map(
-        shown.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
+        largest_slew_rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
         mark_above=GOOD_ENOUGH,
         log=True,
         title=f"|G(linear ψ) − G(full ψ)|, one iteration; ✗ above {GOOD_ENOUGH:.0e}",
@@ -205,12 +205,12 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
         y="slew rate (deg/s)",
     )
     lines = []
-    for rate, colour in panels.make_shades(sorted(set(shown["slew_rate_deg_s"]))).items():
-        part = shown[shown["slew_rate_deg_s"] == rate]
+    for rate, colour in panels.make_shades(sorted(set(largest_slew_rows["slew_rate_deg_s"]))).items():
+        part = largest_slew_rows[largest_slew_rows["slew_rate_deg_s"] == rate]
         lines.append(Line(part["angle_per_step_deg"], part["G_difference"], f"{rate:g} deg/s", colour))
         lines.append(Line(part["angle_per_step_deg"], part["full_error_G"], "", colour, ":"))
     axes: dict[str, Any] = {"log": "xy", "levels": [GOOD_ENOUGH], "legend": "lower right"}
     axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
     curves = panels.make_curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
-    title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
+    title = f"Slews of up to {largest_slew_rows['slew_angle_deg'].iloc[0]:g}°, no noise"
     return panels.build_sheet(difference_map, curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

@@ -53,16 +53,16 @@ def command(
 
 def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
     """Load a recording, which may have no references, or build one from a table of the gyro alone."""
-    given = {name: value for name, value in options.items() if value is not None}
+    given_options = {name: value for name, value in options.items() if value is not None}
     if not path.is_file():
-        if given:
+        if given_options:
             raise InputError(
-                f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given)}: for a CSV table; {path} is none"
+                f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given_options)}: for a CSV table; {path} is none"
             )
         return load(path, without_references=True)
 
-    file = given.pop("file", None)
-    loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
+    file = given_options.pop("file", None)
+    loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given_options)
     for text in assumed:
         click.echo(f"Assumed: {text}.")
     return loaded

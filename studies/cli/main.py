@@ -90,7 +90,7 @@ def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
         if type(error).__name__ == "NoArgsIsHelpError":  # of newer versions of click: the help itself
             raise
         command = (error.ctx or ctx).command_path
-        _end(ctx, f"{error.format_message()} See '{command} --help'.", where=command)
+        _end(ctx, f"{error.format_message()} See '{command} --help'.", source=command)
     except MemoryError as error:
         _end(ctx, f"not enough memory: {error}" if str(error) else "not enough memory")
     except OSError as error:
@@ -110,9 +110,9 @@ def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
         _end(ctx, text, getattr(error, "exit_status", 2))
 
 
-def _end(ctx: click.Context, message: str, status: int = 2, where: str = "gyrocal") -> NoReturn:
+def _end(ctx: click.Context, message: str, status: int = 2, source: str = "gyrocal") -> NoReturn:
     """Print a message on standard error, and leave with an exit status."""
-    click.echo(make_printable(f"{where}: {message}"), err=True)
+    click.echo(make_printable(f"{source}: {message}"), err=True)
     ctx.exit(status)
 
 

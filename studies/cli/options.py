@@ -245,15 +245,15 @@ effects_option = click.option(
 # ---- conditions on which a command fails ---------------------------------------------------------------------------------
 
 
-def compare_conditions(texts: Sequence[str], known: Mapping[str, float]) -> list[Verdict]:
+def compare_conditions(texts: Sequence[str], numbers: Mapping[str, float]) -> list[Verdict]:
     """Compare conditions such as "p<0.001" with numbers by name; a condition on an unknown number holds.
 
     Raises `InputError` if a text is no condition on one of the numbers.
     """
     verdicts = []
     for text in texts:
-        name, sign, limit = parse_condition(text, known)
-        value = known[name]
+        name, sign, limit = parse_condition(text, numbers)
+        value = numbers[name]
         holds = not (value >= limit if sign == "<" else value <= limit)
         value_text = "is not known" if math.isnan(value) else f"is {value:.4g}"
         verdicts.append(Verdict(text.strip(), f"{name} {value_text}" if holds else ""))

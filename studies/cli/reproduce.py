@@ -100,8 +100,8 @@ def command(
     before = {name: committed_results.read(COMMITTED / PAPER_FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
-        short: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
-        call_all([partial(paper_tables.tabulate_case, PaperTablesConfig(), 0), *short], workers)
+        warm_up: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
+        call_all([partial(paper_tables.tabulate_case, PaperTablesConfig(), 0), *warm_up], workers)
     for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(parse_assignment(change) for change in changes)

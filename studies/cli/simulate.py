@@ -96,17 +96,17 @@ def command(
         recording = replay(original, parameters.G, parameters.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = parameters.G.tolist(), np.rad2deg(parameters.bias).tolist()
     else:
-        chosen = adopted_scenario.load(scenario)
-        stated = chosen.effects
+        adopted = adopted_scenario.load(scenario)
+        stated = adopted.effects
         if draw:
-            stated = chosen.replace_amplitudes(chosen.draw_amplitudes(generator(seed, case, "posterior")))
+            stated = adopted.replace_amplitudes(adopted.draw_amplitudes(generator(seed, case, "posterior")))
         settings = [*stated, *settings]
-        if isinstance(chosen.plan, ReplayPlan):
+        if isinstance(adopted.plan, ReplayPlan):
             _refuse(changes)
-            recording = chosen.fly(seed, case, settings, noise)
-            G, bias_deg_s = chosen.plan.G.tolist(), np.rad2deg(chosen.plan.bias).tolist()
+            recording = adopted.fly(seed, case, settings, noise)
+            G, bias_deg_s = adopted.plan.G.tolist(), np.rad2deg(adopted.plan.bias).tolist()
         else:
-            plan = scenarios.override(chosen.plan, dict(parse_assignment(change) for change in changes))
+            plan = scenarios.override(adopted.plan, dict(parse_assignment(change) for change in changes))
             recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
             G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
     save(recording, out)

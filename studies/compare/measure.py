@@ -165,8 +165,8 @@ class MeasurementSetup:
             rates = [turn[:, k] / dt for turn, dt in zip(residual_turns, spacing, strict=True)]
             yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(rates)
             for count, deviation in compute_allan_deviations([turn[:, k] / tau_s for turn in residual_turns], tau_s):
-                of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
-                yield Statistic("residual rate", of, axis, "deg/h"), deviation
+                name = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
+                yield Statistic("residual rate", name, axis, "deg/h"), deviation
 
     def _samples(self, recording: Recording) -> Iterator[tuple[Statistic, float]]:
         """Compute the statistics of the quiet samples' second differences, in sigmas of the stated noise."""

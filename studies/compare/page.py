@@ -35,10 +35,10 @@ def build_comparison_page(comparison: Comparison, provenance: ProvenanceFooter |
     sections = [Section("", further), Section("The gap", [PageTable(build_scenario_table(comparison), (), gaps, HOW)])]
     sections.append(Section("The recording among the simulations", []))
     for standing in comparison.standings:
-        shown = build_statistics_table(standing)
-        strong = [abs(float(z)) > EXTREME_Z for z in shown["z"]]
+        table = build_statistics_table(standing)
+        strong = [abs(float(z)) > EXTREME_Z for z in table["z"]]
         title = f"Under {standing.name}: {standing.title}"
-        sections.append(Section(title, [PageTable(shown, strong, title, WHERE, SHOWN_STATISTICS)], 3))
+        sections.append(Section(title, [PageTable(table, strong, title, WHERE, SHOWN_STATISTICS)], 3))
     answer = Answer(determine_answer_kind(comparison), picture, first)
     return Page(f"{comparison.recording} beside its scenarios", sections, answer, provenance)
 
@@ -47,7 +47,7 @@ def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
     """Build a row for each scenario, as texts."""
     rows = []
     for standing in comparison.standings:
-        gap, samples, (count, of) = standing.gap, standing.samples, standing.extreme
+        gap, samples, (count, judged) = standing.gap, standing.samples, standing.extreme
         shrinkage = "" if standing is comparison.standings[0] else "no gap before"
         if shrinkage and np.isfinite(gap.shrinkage_90).all():
             shrinkage = format_interval(gap.shrinkage, gap.shrinkage_90, 100, ".0f", " %")
@@ -58,7 +58,7 @@ def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
                 "gap": format_interval(gap.after, gap.after_90),
                 "shrinkage": shrinkage,
                 "gap of the samples": "" if samples is None else format_interval(samples.after, samples.after_90),
-                "beyond 1 % at either end": f"{count} of {of}",
+                "beyond 1 % at either end": f"{count} of {judged}",
             }
         )
     return pd.DataFrame(rows)
@@ -101,9 +101,9 @@ def describe_comparison(comparison: Comparison) -> list[str]:
 
 def _describe_furthest(standing: ScenarioComparison) -> str:
     """State the number of extreme statistics, the number expected by chance, and the largest deviation."""
-    (count, of), judged = standing.extreme, build_statistics_table(standing)
+    (count, total), judged = standing.extreme, build_statistics_table(standing)
     expected = f"{standing.expected_extreme:.1f} are expected by chance"
-    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end; {expected}."
+    text = f"Under {standing.name} {count} of {total} statistics are beyond 1 % at either end; {expected}."
     return f"{text} The largest deviation is {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else text
 
 

@@ -115,8 +115,8 @@ class PreparedScenario:
     def fly(self, seed: int, case: int) -> FlightStatistics:
         """Simulate one flight with sizes drawn from the posterior, and measure it."""
         scenario, setup = self.scenario, self.setup
-        drawn = scenario.draw_amplitudes(generator(seed, case, "posterior"))
-        flown = scenario.fly(seed, case, scenario.replace_amplitudes(drawn))
+        amplitudes = scenario.draw_amplitudes(generator(seed, case, "posterior"))
+        flown = scenario.fly(seed, case, scenario.replace_amplitudes(amplitudes))
         corrected = self.stated.subtract_from(flown)
         if self.fitted and self.amplitude_indices.size:
             z = setup.state(corrected).z
@@ -124,7 +124,7 @@ class PreparedScenario:
             corrected = self.stated.add_scaled(self.slopes, amplitude_errors).subtract_from(flown)
         under = setup.measure(corrected)
         before = under.mean_square if corrected is flown else setup.misfit(flown)
-        drawn_response = self.W @ drawn[self.amplitude_indices]
+        drawn_response = self.W @ amplitudes[self.amplitude_indices]
         error = before - float(drawn_response @ drawn_response) / setup.degrees_of_freedom
         return FlightStatistics(before, setup.compute_samples_mean_square(flown), error, under)
 

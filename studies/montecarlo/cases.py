@@ -80,7 +80,7 @@ def run_single_threaded() -> Iterator[Counter[str]]:
     """
     messages: Counter[str] = Counter()
 
-    def count(message: Warning | str, category: type[Warning], *place: Any, **further: Any) -> None:
+    def count(message: Warning | str, category: type[Warning], *position: Any, **further: Any) -> None:
         messages[f"{category.__name__}: {' '.join(str(message).split())}"] += 1
 
     with warnings.catch_warnings(), threadpool_limits(1):
@@ -139,19 +139,19 @@ def _parse_config(study: Study, text: str) -> StudyConfig:
 
 def _compute_case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
     """Compute the rows of one case; kinds holds the type of each column."""
-    drawn = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
+    dispersed_values = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
     returned = study.case(config, case, Streams(config.entropy, case))
     rows = [returned] if isinstance(returned, Mapping) else list(returned)
     if not rows:
         raise ValueError("the study returned no row for this case")
-    return [{"case": case, "error": "", **drawn, **_convert_row(row, drawn, kinds)} for row in rows]
+    return [{"case": case, "error": "", **dispersed_values, **_convert_row(row, dispersed_values, kinds)} for row in rows]
 
 
-def _convert_row(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
+def _convert_row(row: Mapping[str, Any], dispersed_values: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
     """Convert a study's row to plain values; `TypeError` for a reserved column or another type than in earlier rows."""
     plain = {}
     for name, value in row.items():
-        if not isinstance(name, str) or name in RESERVED or name in drawn:
+        if not isinstance(name, str) or name in RESERVED or name in dispersed_values:
             raise TypeError(f"a study's row cannot have a column {name!r}")
         item = value.item() if isinstance(value, np.generic) else value
         kind = KINDS.get(type(item))
@@ -173,7 +173,7 @@ class _Child:
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", f"from studies.montecarlo.cases import serve; serve{files}"],
             pass_fds=files,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(place or os.getcwd() for place in sys.path)},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path)},
             stdin=subprocess.DEVNULL,
         )
         theirs.close()

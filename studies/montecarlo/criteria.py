@@ -59,9 +59,9 @@ def _match_criterion(form: re.Pattern[str], text: str, option: str, usage: str) 
 
 def _read_column(rows: pd.DataFrame, column: str, option: str) -> pd.Series:
     """Read the values of a study's own column, which are numbers or missing."""
-    known = [str(name) for name in rows if name not in RESERVED]
-    if column not in known:
-        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, known)}")
+    columns = [str(name) for name in rows if name not in RESERVED]
+    if column not in columns:
+        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, columns)}")
     if not all(isinstance(value, bool | int | float | np.bool_ | np.number | None) for value in rows[column]):
         raise InputError(f"{option}: column {column} holds no numbers")
     return rows[column]
@@ -135,8 +135,8 @@ def _compute_share_half_width(successes: int, trials: int) -> float:
 
 def _compute_half_width(statistic: str, values: Array) -> float:
     if statistic not in ("mean", "std"):
-        share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
-        interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+        probability = 0.5 if statistic == "median" else int(statistic[1:]) / 100
+        interval = stats.quantile_test(values, p=probability).confidence_interval(LEVEL)
         # An end may be infinite: the interval reaches beyond the sample, or to infinite values.
         ends = interval.low, interval.high
         return float(interval.high - interval.low) / 2 if np.isfinite(ends).all() else math.inf
@@ -195,8 +195,8 @@ class Requirement:
     @property
     def failure_probability(self) -> float:
         """Probability of a case beyond the limit that is just allowed."""
-        share = self.percentile / 100
-        return 1 - share if self.sign == "<" else share
+        probability = self.percentile / 100
+        return 1 - probability if self.sign == "<" else probability
 
     def judge(self, rows: pd.DataFrame) -> Answer:
         """Answer from all rows of a study.

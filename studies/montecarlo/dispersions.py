@@ -193,7 +193,7 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlation
             raise InputError(f"dispersions: {path}: is no Dispersion; declare the field as dict[str, Dispersion]")
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
-    override(scenario, _evaluate_at_shares(dispersions, scenario, repeat(0.5)))
+    override(scenario, _evaluate_quantiles(dispersions, scenario, repeat(0.5)))
 
 
 def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
@@ -203,12 +203,14 @@ def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
     for group in config.correlations:
         mixed = group.correlate(np.array([by_path[path] for path in group.paths]))
         by_path |= dict(zip(group.paths, mixed.tolist(), strict=True))
-    return _evaluate_at_shares(config.dispersions, scenario, by_path.values())
+    return _evaluate_quantiles(config.dispersions, scenario, by_path.values())
 
 
-def _evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
-    """Evaluate the dispersed values, each at a share of its distribution, in the order of the dispersions."""
+def _evaluate_quantiles(
+    dispersions: Mapping[str, Dispersion], scenario: Scenario, probabilities: Iterable[float]
+) -> dict[str, float]:
+    """Evaluate the dispersed values, each at a quantile of its distribution, in the order of the dispersions."""
     return {
-        path: dispersion.apply_draw(dispersion.quantile(share), get_scenario_value(scenario, path))
-        for (path, dispersion), share in zip(dispersions.items(), shares, strict=False)
+        path: dispersion.apply_draw(dispersion.quantile(probability), get_scenario_value(scenario, path))
+        for (path, dispersion), probability in zip(dispersions.items(), probabilities, strict=False)
     }

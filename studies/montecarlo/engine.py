@@ -88,11 +88,11 @@ class Outcome:
         kinds = Counter(error.partition(":")[0] for error in self.failures.values())
         counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
         failed = f"{len(self.failures)} failed ({counts}; see {self.folder / 'failures'})" if self.failures else "none failed"
-        met = ""
+        criterion = ""
         if until := self.manifest.get("until"):
             answer = "met" if until["met"] else "NOT met"
-            met = f", {until['asked']} is {answer}: {until['half_width']:.3g} {until['values']}"
-        return f"{self.cases} cases{resumed}, {failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+            criterion = f", {until['asked']} is {answer}: {until['half_width']:.3g} {until['values']}"
+        return f"{self.cases} cases{resumed}, {failed}{criterion}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
 @dataclass(frozen=True)

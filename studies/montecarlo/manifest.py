@@ -91,19 +91,19 @@ def describe_provenance(study: Study) -> dict[str, Any]:
 def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
     """Find the files of modules and of all their imports, by their path in the packages, without importing them."""
     files: dict[str, Path] = {}
-    names, known = list(modules), dict[str, ModuleSpec | None]()
+    names, specs = list(modules), dict[str, ModuleSpec | None]()
     while names:
         parts = names.pop().split(".")
         locations: Any = None
         for name in (".".join(parts[:count]) for count in range(1, len(parts) + 1)):
-            if name not in known:
+            if name not in specs:
                 spec = getattr(sys.modules.get(name), "__spec__", None) or PathFinder.find_spec(name, locations)
-                known[name] = spec if spec and (locations or not _is_installed(name, spec)) else None
-                if spec and known[name] and spec.has_location:
+                specs[name] = spec if spec and (locations or not _is_installed(name, spec)) else None
+                if spec and specs[name] and spec.has_location:
                     path, is_package = Path(str(spec.origin)).resolve(), spec.submodule_search_locations is not None
                     files[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
                     names += _read_imports(name, path, is_package)
-            locations = getattr(known[name], "submodule_search_locations", None)
+            locations = getattr(specs[name], "submodule_search_locations", None)
             if locations is None:
                 break
     return files
@@ -111,8 +111,8 @@ def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
 
 def _is_installed(name: str, spec: ModuleSpec) -> bool:
     """Check whether a top-level module is of the standard library or an installed package, not of this project."""
-    places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
-    installed = any({"site-packages", "dist-packages"} & {*place.parts} for place in places)
+    folders = [Path(folder).resolve() for folder in spec.submodule_search_locations or [str(spec.origin)]]
+    installed = any({"site-packages", "dist-packages"} & {*folder.parts} for folder in folders)
     return name not in SOURCE_PACKAGES and (installed or name in sys.stdlib_module_names)
 
 

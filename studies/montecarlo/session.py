@@ -165,6 +165,6 @@ class Session:
             if isinstance(error, SchedulerLostError):
                 raise SchedulerLostError(f"{error}; {progress}; start it again there, and the same command resumes") from None
             if isinstance(error, OSError):
-                where, why = error.filename or self.parts.folder, error.strerror or error
-                raise InputError(f"{where}: {why}; {progress}; the same command resumes") from None
+                file, why = error.filename or self.parts.folder, error.strerror or error
+                raise InputError(f"{file}: {why}; {progress}; the same command resumes") from None
             raise

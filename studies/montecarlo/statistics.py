@@ -57,12 +57,12 @@ def compute_binomial_interval(successes: int, trials: int, confidence: float = 0
     return float(interval.low), float(interval.high)
 
 
-def compute_binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
+def compute_binomial_band(trials: int, probability: float, confidence: float, counts: int = 1) -> tuple[int, int]:
     """Compute bounds that all of several counts of `trials` with this share keep with at least this confidence."""
     from scipy.stats import binom
 
     tail = (1 - confidence) / (2 * counts)
-    low, high = binom.ppf([tail, 1 - tail], trials, share)
+    low, high = binom.ppf([tail, 1 - tail], trials, probability)
     return int(low), int(high)
 
 
@@ -73,12 +73,12 @@ def _interpolate(below: Array, above: Array, weight: float) -> Array:
         return np.where(below == above, below, np.where(finite, below + weight * (above - below), below + above))
 
 
-def compute_quantile(values: ArrayLike, share: float) -> float:
+def compute_quantile(values: ArrayLike, probability: float) -> float:
     """Compute a quantile of values (n,), also infinite ones, between two order statistics; NaN without a value."""
     ordered = np.sort(np.asarray(values, dtype=float))
     if not len(ordered):
         return np.nan
-    position = share * (len(ordered) - 1)
+    position = probability * (len(ordered) - 1)
     return float(_interpolate(ordered[int(np.floor(position))], ordered[int(np.ceil(position))], position % 1))
 
 
@@ -98,8 +98,8 @@ def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confide
     d = int(binom.ppf(confidence, n, content)) + 1 if n else 0
     if d > n - 1 or not n:
         return np.full((*ordered.shape[:-1], 2), np.nan)
-    fewer, enough = binom.cdf([d - 2, d - 1], n, content)
+    reached_below, reached = binom.cdf([d - 2, d - 1], n, content)
     lower = (n - d + 1) // 2  # counted from 1
-    gain, loss = (n - d + 1) * content * (confidence - fewer), (d - 1) * (1 - content) * (enough - confidence)
+    gain, loss = (n - d + 1) * content * (confidence - reached_below), (d - 1) * (1 - content) * (reached - confidence)
     below, above = ordered[..., lower + d - 2], ordered[..., lower + d - 1]
     return np.stack([ordered[..., lower - 1], _interpolate(below, above, gain / (gain + loss))], axis=-1)

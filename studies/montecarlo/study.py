@@ -212,9 +212,9 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:
     """Build the scenario of one case with overrides and dispersions; `InputError` if the drawn values are not valid."""
-    drawn = draw_case_values(config, case)
+    values = draw_case_values(config, case)
     scenario = load_base_scenario(config)
-    return scenarios.override(scenario, drawn) if drawn else scenario
+    return scenarios.override(scenario, values) if values else scenario
 
 
 def simulate_case_motion(scenario: Scenario) -> Motion:

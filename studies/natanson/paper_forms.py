@@ -67,11 +67,11 @@ def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
 
 def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
     """Format N Table 2, 3 or 4 with full ψ and skipped samples: a row for each number and step, as texts."""
-    chosen = table.query("psi == 'full' and resampling == 'skip' and phase != 'second iteration'")
+    rows = table.query("psi == 'full' and resampling == 'skip' and phase != 'second iteration'")
     if name == "table3":  # in N's order, a quantity after the other
-        order = chosen["quantity"].map(list(WORDS).index)
-        chosen = chosen.assign(order=order).sort_values(["step_s", "order"], kind="stable")
-    return pd.DataFrame([{"Δt (s)": f"{row['step_s']:g}", **_format_row(row, name)} for row in chosen.to_dict("records")])
+        order = rows["quantity"].map(list(WORDS).index)
+        rows = rows.assign(order=order).sort_values(["step_s", "order"], kind="stable")
+    return pd.DataFrame([{"Δt (s)": f"{row['step_s']:g}", **_format_row(row, name)} for row in rows.to_dict("records")])
 
 
 def format_corrections(table: pd.DataFrame, second: pd.DataFrame | None = None) -> pd.DataFrame:

@@ -255,8 +255,8 @@ def compute_errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tupl
 def build_accuracy_table(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
     """Build bias, spread, formal sigma and coverage with binomial intervals for every variant."""
     parts = []
-    for variant, chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
-        errors = compute_errors_and_sigmas(chosen.sort_values("case"), truth)
+    for variant, variant_rows in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
+        errors = compute_errors_and_sigmas(variant_rows.sort_values("case"), truth)
         part = summaries.tabulate_accuracy(*errors, NAMES, ONE_DEG_S_NAMES)
         parts.append(pd.concat([pd.DataFrame(dict(zip(VARIANT, variant, strict=True)), index=part.index), part], axis=1))
     return pd.concat(parts, ignore_index=True)
@@ -281,13 +281,13 @@ def measure_second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
     and 4 changes, the mean count of those that do, and the largest change of a residual.
     """
 
-    def measure_variant(chosen: pd.DataFrame) -> dict[str, float]:
-        change = np.abs(_select_iterate(chosen, "second") - _select_iterate(chosen, "first"))
+    def measure_variant(variant_rows: pd.DataFrame) -> dict[str, float]:
+        change = np.abs(_select_iterate(variant_rows, "second") - _select_iterate(variant_rows, "first"))
         sizes = {"G": change[:, :9].max(axis=1), "bias_deg_s": change[:, 9:].max(axis=1)}
         out: dict[str, float] = {}
         for name, x in sizes.items():
             out |= {f"{name}_max": float(np.max(x)), f"{name}_median": float(np.median(x))}
-        first, second = (_select_residuals(chosen, phase) for phase in ("calibrated", "second iteration"))
+        first, second = (_select_residuals(variant_rows, phase) for phase in ("calibrated", "second iteration"))
         for name, changed in zip(("table2", "table4"), count_digit_changes(first, second), strict=True):
             out |= {f"{name}_unchanged_share": float(np.mean(changed == 0)), f"{name}_changed_mean": float(np.mean(changed))}
         largest = 1e3 * np.abs(second - first).max(axis=(1, 2))
@@ -316,8 +316,8 @@ PAPER = "The paper's covariance knows no gyro noise: it is the control, which mu
 def _build_consistency_checks(rows: pd.DataFrame, step_s: float) -> list[Check]:
     """Whether the covariances are consistent at a step, of both ψ, and the paper's is not."""
     checks = []
-    for name, chosen in rows[rows["step_s"] == step_s].groupby(["covariance", "psi", "resampling"], sort=False):
-        nees, is_control = statistics.check_mean_nees(chosen["nees"], len(NAMES)), name[0] != "full"
+    for name, group in rows[rows["step_s"] == step_s].groupby(["covariance", "psi", "resampling"], sort=False):
+        nees, is_control = statistics.check_mean_nees(group["nees"], len(NAMES)), name[0] != "full"
         text, bounds = f"mean NEES, {', '.join(map(str, name))}, {step_s:g} s", (nees.lower, nees.upper)
         checks.append(Check(text, nees.value, bounds, "", PAPER if is_control else "", is_control))
     return checks
@@ -327,12 +327,12 @@ def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
     """Report N's tables, in N's form if samples are skipped; the checks test the consistency of the estimates."""
     flown = flight.matches_flight(load_base_scenario(config))
     flight_tables = {name: build_flight_table(rows, name, flown) for name in TABLE_PARTS}
-    shown = {}
+    formatted = {}
     if "skip" in config.resamplings:
-        shown = {name: format_paper_table(flight_tables[name], name) for name in ("table2", "table3", "table4")}
-        shown["table5"] = format_corrections(flight_tables["table5"])
+        formatted = {name: format_paper_table(flight_tables[name], name) for name in ("table2", "table3", "table4")}
+        formatted["table5"] = format_corrections(flight_tables["table5"])
     titles = PAPER_TABLE_TITLES.items()
-    tables = {STUDY_NAMES[name]: Table(title, flight_tables[name], shown=shown.get(name)) for name, title in titles}
+    tables = {STUDY_NAMES[name]: Table(title, flight_tables[name], shown=formatted.get(name)) for name, title in titles}
     return Report(tables, checks=tuple(_build_consistency_checks(rows, min(config.steps_s))))
 
 

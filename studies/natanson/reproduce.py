@@ -75,14 +75,14 @@ def run(folder: Path, config: PaperTablesConfig, jobs: int, console: Console) ->
     reproduction.summary |= summarise_estimates(reproduction.tables, rows, scenario)
     if flight.matches_flight(scenario):
         compare_with_flight(scenario, reproduction)
-        chosen = paper_tables.select_variant(rows, flight.FLIGHT_STEPS_S[0])
-        reproduction.figures |= draw_figures(scenario, chosen)
+        finest_rows = paper_tables.select_variant(rows, flight.FLIGHT_STEPS_S[0])
+        reproduction.figures |= draw_figures(scenario, finest_rows)
     reproduction.summary = round_values(reproduction.summary)
     write_parquet(folder / "cases.parquet", rows)
-    shown = [Table("Summary", build_estimates_table(reproduction.summary)), *build_page_tables(reproduction.tables)]
+    page_tables = [Table("Summary", build_estimates_table(reproduction.summary)), *build_page_tables(reproduction.tables)]
     title = f"# Reproduction of the TRMM gyro calibration: {scenario.title}"
     head = [title, "", f"{config.cases} seeds, entropy {config.entropy}.", ""]
-    reproduction.publish(outcome, folder, "tables.md", head, shown, command="gyrocal reproduce")
+    reproduction.publish(outcome, folder, "tables.md", head, page_tables, command="gyrocal reproduce")
     return reproduction.summary
 
 
@@ -135,14 +135,14 @@ def add_recalibration_tables(scenario: Scenario, reproduction: Reproduction) -> 
 
 def build_page_tables(tables: dict[str, pd.DataFrame]) -> list[Table]:
     """Format N Tables 2 to 5, simulated beside flight values; Tables 2 to 4 once per propagation step."""
-    shown = []
+    page_tables = []
     for name in ("table2", "table3", "table4"):
         title, note = paper_tables.PAPER_TABLE_TITLES[name], TABLE_NOTES[name]
         for step, part in paper_forms.format_paper_table(tables[name], name).groupby("Δt (s)", sort=False):
-            shown.append(Table(f"{title}, Δt = {step} s", part.drop(columns="Δt (s)"), note))
+            page_tables.append(Table(f"{title}, Δt = {step} s", part.drop(columns="Δt (s)"), note))
             note = ""
     corrections = paper_forms.format_corrections(tables["table5"], tables.get("table5_second"))
-    return [*shown, Table(paper_tables.PAPER_TABLE_TITLES["table5"], corrections, TABLE_NOTES["table5"])]
+    return [*page_tables, Table(paper_tables.PAPER_TABLE_TITLES["table5"], corrections, TABLE_NOTES["table5"])]
 
 
 def draw_figures(scenario: Scenario, rows: pd.DataFrame) -> dict[str, tuple[str, Draw]]:

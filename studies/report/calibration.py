@@ -148,8 +148,8 @@ def describe_worst_residual(result: CalibrationResult) -> str:
     if abs(normalised[row, axis]) < LARGE_SHARE:
         return ""
     entry = table.iloc[int(row)]
-    place = f"{ROTATION_NAMES[axis]} of {entry['interval']} at t = {entry['t_s']:.1f} s"
-    return f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {place}."
+    position = f"{ROTATION_NAMES[axis]} of {entry['interval']} at t = {entry['t_s']:.1f} s"
+    return f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {position}."
 
 
 def list_remarks(result: CalibrationResult) -> list[str]:
@@ -160,9 +160,9 @@ def list_remarks(result: CalibrationResult) -> list[str]:
             "The sigmas take the held parameters as exact. An error in them goes into those solved for, and where the rates "
             "hardly change no residual shows it."
         )
-    held = result.options["held_s"]
-    if held > 0:
-        lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
+    held_s = result.options["held_s"]
+    if held_s > 0:
+        lines.append(f"The last rate was held over {held_s:g} s of missing samples; its error is not in the sigmas.")
     return [line for line in [*lines, describe_attenuation(result)] if line]
 
 
@@ -272,15 +272,15 @@ def draw_residual_figure(result: CalibrationResult) -> Figure:
     is_first = table.groupby("interval", sort=False).ngroup().diff().to_numpy() > 0  # reference of an interval after the first
     edges = [float(k) - 0.5 for k in np.flatnonzero(is_first)] if is_first.sum() <= 24 else []
     panels = []
-    for when, colour, mark in (("before", RED, "o"), ("after", BLUE, "s")):
+    for stage, colour, mark in (("before", RED, "o"), ("after", BLUE, "s")):
         for name in ROTATION_NAMES:
             sigma = table[f"sigma_{name}_deg"].to_numpy(dtype=float)
             lines = [
                 Line(number, 0 * sigma, "", GREY, "-", -2 * sigma, 2 * sigma),
-                Line(number, table[f"{when}_{name}_deg"], when, colour, mark, size=3.0),
+                Line(number, table[f"{stage}_{name}_deg"], stage, colour, mark, size=3.0),
             ]
-            x = "reference" if when == "after" else ""
-            panels.append(make_curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
+            x = "reference" if stage == "after" else ""
+            panels.append(make_curves(lines, x=x, y=f"{name} {stage} (deg)", at=edges))
     return draw_panels(*panels, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
 
 
@@ -314,10 +314,10 @@ def parse_limit(text: str) -> tuple[tuple[str, ...], float, str, float]:
         raise InputError(f"--max-change {text}: give NAME<LIMIT with a positive limit and its unit, as in 'G_zz<50ppm'")
     names, unit = select(match[1]), match[3]
     for name in names:
-        known = RATE_UNITS if name.startswith("b") else RATIO_UNITS if name in SCALE_FACTORS else RATIO_UNITS | ANGLE_UNITS
-        if unit not in known:
-            raise InputError(f"--max-change {text}: {unit} is no unit of {name}; its units are {', '.join(known)}")
-    return names, float(match[2]), unit, known[unit]
+        units = RATE_UNITS if name.startswith("b") else RATIO_UNITS if name in SCALE_FACTORS else RATIO_UNITS | ANGLE_UNITS
+        if unit not in units:
+            raise InputError(f"--max-change {text}: {unit} is no unit of {name}; its units are {', '.join(units)}")
+    return names, float(match[2]), unit, units[unit]
 
 
 def check_limits(change: CalibrationChange, max_sigma: float | None, max_change: Sequence[str]) -> list[Verdict]:

@@ -70,8 +70,8 @@ def check_extremes(
     """Check the smallest and the largest of some values, NaN left out."""
     series = pd.Series(values, dtype=float)
     return [
-        Check(f"{name}, {which}", float(value), bounds, unit, meaning)
-        for which, value in (("smallest", series.min()), ("largest", series.max()))
+        Check(f"{name}, {extreme}", float(value), bounds, unit, meaning)
+        for extreme, value in (("smallest", series.min()), ("largest", series.max()))
     ]
 
 

@@ -99,13 +99,13 @@ def show_stages(command: str, every_s: float | None = None) -> Iterator[Callable
     with Progress(*columns, console=output, transient=True, disable=not output.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
 
-        def report_stage(text: str, share: float) -> None:
+        def report_stage(text: str, fraction: float) -> None:
             nonlocal last_time, last_line
-            bar.update(task, description=text, completed=share)
+            bar.update(task, description=text, completed=fraction)
             line = text if every_s is not None else text.split(":")[0]
             is_due = line != last_line if every_s is None else time.monotonic() - last_time >= every_s
             if is_due and not output.is_terminal:
                 last_time, last_line = time.monotonic(), line
-                output.print(f"{command}: {line}, {100 * share:.0f} % done", highlight=False, markup=False)
+                output.print(f"{command}: {line}, {100 * fraction:.0f} % done", highlight=False, markup=False)
 
         yield report_stage

@@ -97,11 +97,11 @@ def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     slope = Line(limits, limits, "slope 1: the size found", "black", "-")
     # Right: both over time, in the interval and about the axis where the cause is largest.
     peak = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
-    shown = part[(part["interval"] == peak["interval"]) & (part["axis"] == peak["axis"])]
-    minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
+    peak_rows = part[(part["interval"] == peak["interval"]) & (part["axis"] == peak["axis"])]
+    minutes = (peak_rows["t_s"] - peak_rows["t_s"].iloc[0]) / 60
     lines = [
-        Line(minutes, shown["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
-        Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
+        Line(minutes, peak_rows["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
+        Line(minutes, peak_rows["regressor_deg"], "the cause", "black", "-" if len(peak_rows) > 2 else "_"),
     ]
     x, y = "effect of the cause at the size found (deg)", "residual of the baseline (deg)"
     scatter_panel = panels.make_curves([*points, slope], x=x, y=y, legend="best")

@@ -133,7 +133,7 @@ def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
         error = float(case_means.std(ddof=1) / np.sqrt(len(case_means))) if len(case_means) > 1 else np.nan
         mean, deviation = (np.nan, np.nan) if infinite else (present.mean(), present.std(ddof=1))
         line |= {"mean": mean, "standard_error": error, "spread": deviation}
-        lines.append(line | {key: compute_quantile(present, share) for key, share in QUANTILES.items()})
+        lines.append(line | {key: compute_quantile(present, probability) for key, probability in QUANTILES.items()})
     return pd.DataFrame(lines, columns=["column", *COUNTS, "mean", "standard_error", "spread", *QUANTILES])
 
 

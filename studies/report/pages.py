@@ -54,8 +54,8 @@ class Picture:
     @property
     def source(self) -> str:
         """The figure as SVG in a URL that holds it."""
-        drawn = self.draw()
-        data = svg.shorten_svg(drawn if isinstance(drawn, bytes) else svg.render_svg(drawn))
+        figure = self.draw()
+        data = svg.shorten_svg(figure if isinstance(figure, bytes) else svg.render_svg(figure))
         return f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
 
 

@@ -60,13 +60,13 @@ class Panel:
 
     def draw_axes(self, axes: Axes) -> None:
         """Draw the panel with what belongs to its axes."""
-        for which in self.log:
-            getattr(axes, f"set_{which}scale")("log")
+        for axis in self.log:
+            getattr(axes, f"set_{axis}scale")("log")
         self.draw(axes)
         for level in self.levels:
             axes.axhline(level, color="0.4", linewidth=0.8, linestyle="--")
-        for place in self.at:
-            axes.axvline(place, color="0.4", linewidth=1, linestyle=":")
+        for position in self.at:
+            axes.axvline(position, color="0.4", linewidth=1, linestyle=":")
         if len(self.ticks):
             axes.set_xticks(self.ticks, [f"{tick:g}" for tick in self.ticks])
             axes.set_xticks([], minor=True)
@@ -213,10 +213,10 @@ def make_heat_map(
                 text = form.format(value).replace("e-0", "e-") + (" ✗" if value > mark_above else "")
                 ink = "white" if strength[i, j] < middle else "black"
                 on.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink, fontsize=8)
-        for which, names in (("x", grid.columns), ("y", grid.index)):
+        for axis, names in (("x", grid.columns), ("y", grid.index)):
             texts = [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
-            turned = 60 if which == "x" and max(map(len, texts)) * len(texts) > 40 else 0
-            getattr(on, f"set_{which}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
+            turned = 60 if axis == "x" and max(map(len, texts)) * len(texts) > 40 else 0
+            getattr(on, f"set_{axis}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
 
     return Panel(draw, **axes)
 

@@ -38,8 +38,8 @@ def build_prediction_page(
     )
     chi2 = f"{prediction.chi2:.1f} of {prediction.dof}"
     reference_check = f"{prediction.used} references are used; their χ² about their predictions is {chi2}."
-    shown = table.iloc[np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))]
-    attitude_table = PageTable(shown.apply(_format_column), label=f"Attitude from {from_s:g} s by gyro alone")
+    shown_rows = table.iloc[np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))]
+    attitude_table = PageTable(shown_rows.apply(_format_column), label=f"Attitude from {from_s:g} s by gyro alone")
     section = Section("The attitude", [attitude_table])
     heading = f"By gyro alone the attitude is known to {last} arcsec after {t[-1]:.4g} s"
     return Page(heading, [section], Answer("", picture, reference_check), provenance, f"Prediction of {title}")

@@ -64,11 +64,11 @@ def format_short(value: float, digits: int = 2, sign: str = "") -> str:
     return f"{float(f'{value:.{digits}g}'):{sign}g}"
 
 
-def format_percent(share: float) -> str:
+def format_percent(probability: float) -> str:
     """Format a probability in percent, never rounded to certainty."""
-    if not isfinite(share):
+    if not isfinite(probability):
         return NO_VALUE
-    value = 100 * share
+    value = 100 * probability
     if value > 99.9:
         return "more than 99.9 %"
     if value < 0.1:
@@ -156,9 +156,9 @@ def summarise_groups(
 
 def format_cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
     """Format the rows of a table as texts."""
-    wanted = [formats.get(str(column)) for column in table.columns]
+    column_formats = [formats.get(str(column)) for column in table.columns]
     for row in table.itertuples(index=False):
-        yield [format_cell(value, form) for value, form in zip(row, wanted, strict=True)]
+        yield [format_cell(value, form) for value, form in zip(row, column_formats, strict=True)]
 
 
 def format_cell(value: object, form: str | None) -> str:

@@ -83,14 +83,14 @@ def _judge_yaw_residual(results: PaperResults) -> tuple[Verdict, str]:
 
 def _judge_heads(results: PaperResults) -> tuple[Verdict, str]:
     checks = results.study("heads", "checks").set_index("check")["value"].astype(float)
-    right = checks["share of right answers, R's heads, misalignment and biases"]
+    share = checks["share of right answers, R's heads, misalignment and biases"]
     wrong = checks["diagnoses with a wrong name"]
     text = (
-        f"In {100 * right:.0f} % of simulated months the diagnosis identifies the heads; it names {wrong:.0f} wrong causes. "
+        f"In {100 * share:.0f} % of simulated months the diagnosis identifies the heads; it names {wrong:.0f} wrong causes. "
         "An orthogonal calibration would report a misalignment of "
         f"{checks['misalignment that an orthogonal calibration makes of heads alone']:.2f} deg that does not exist."
     )
-    return _decide(right == 1.0 and wrong == 0), text
+    return _decide(share == 1.0 and wrong == 0), text
 
 
 def _judge_orientation(results: PaperResults) -> tuple[Verdict, str]:

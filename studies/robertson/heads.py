@@ -116,14 +116,14 @@ def solve_further_truth(scenario: Scenario) -> tuple[Setting, ...]:
     The heads alone already look like a misalignment, so that a fit does not give R (3) if R (3) is added to them. The fit is
     nearly linear in the true amplitudes x: x ← x + (wanted − fitted), from x = wanted, on tables without noise.
     """
-    wanted = [(parse(text), compute_sensor_amplitudes(parse(text))) for text in ALIGNMENT]
-    true_amplitudes = [amplitudes for _, amplitudes in wanted]
+    targets = [(parse(text), compute_sensor_amplitudes(parse(text))) for text in ALIGNMENT]
+    true_amplitudes = [amplitudes for _, amplitudes in targets]
     for _ in range(HEAD_NEWTON_STEPS):
-        effects = [_replace_amplitudes(setting, x) for (setting, _), x in zip(wanted, true_amplitudes, strict=True)]
+        effects = [_replace_amplitudes(setting, x) for (setting, _), x in zip(targets, true_amplitudes, strict=True)]
         fitted = fit_orthogonal_calibration(scenario, [*map(parse, TRUE_HEAD_EFFECTS), *effects])
-        pairs = zip(true_amplitudes, wanted, strict=True)
-        true_amplitudes = [x + wanted_x - fitted[setting.effect] for x, (setting, wanted_x) in pairs]
-    return tuple(_replace_amplitudes(setting, x) for (setting, _), x in zip(wanted, true_amplitudes, strict=True))
+        pairs = zip(true_amplitudes, targets, strict=True)
+        true_amplitudes = [x + target_x - fitted[setting.effect] for x, (setting, target_x) in pairs]
+    return tuple(_replace_amplitudes(setting, x) for (setting, _), x in zip(targets, true_amplitudes, strict=True))
 
 
 def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, Array]:

@@ -194,9 +194,9 @@ def build_slew_table(rows: pd.DataFrame) -> pd.DataFrame:
     out = []
     for maneuver in YAW_MANEUVER_TIMES:
         for tables in SLEW_TABLES:
-            chosen = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
+            slews = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
             for axis in ROTATION_NAMES:
-                values = chosen[f"{axis}_deg"].to_numpy()
+                values = slews[f"{axis}_deg"].to_numpy()
                 flight, mean = published_tables.read_published_slew_error(axis, R_PHASE[tables]), float(values.mean())
                 out.append(
                     {
@@ -216,6 +216,6 @@ def compute_slew_gaps(table: pd.DataFrame) -> dict[str, float]:
     """Compute the RMS over axes of simulated minus flown before calibration, deg, for each candidate maneuver."""
     rows = table[table["tables"] == "calibration1"]
     return {
-        str(maneuver): float(np.sqrt((chosen["simulated_minus_flight_deg"] ** 2).mean()))
-        for maneuver, chosen in rows.groupby("maneuver", sort=False)
+        str(maneuver): float(np.sqrt((maneuver_rows["simulated_minus_flight_deg"] ** 2).mean()))
+        for maneuver, maneuver_rows in rows.groupby("maneuver", sort=False)
     }

@@ -89,13 +89,16 @@ def add_flight_comparison(reproduction: Reproduction, rows: dict[tuple[str, ...]
         partial(diagnosis.diagnose_table3, rows),
         geometry.build_availability_table,
     ]
-    alignment, rungs, performance_diagnosis, share = call_all(calls, reproduction.jobs)
-    reproduction.summary |= {"diagnosis": performance_diagnosis.summary(), "geometry": geometry.summarise_availability(share)}
+    alignment, rungs, performance_diagnosis, availability = call_all(calls, reproduction.jobs)
+    reproduction.summary |= {
+        "diagnosis": performance_diagnosis.summary(),
+        "geometry": geometry.summarise_availability(availability),
+    }
     reproduction.tables |= {
         "diagnosis_sizes": diagnosis.build_size_table(performance_diagnosis),
         "ladder": rungs,
         "ladder_numbers": ladder.build_rung_numbers(rows, ladder.read_published_numbers()),
-        "availability": share,
+        "availability": availability,
         "tangents": geometry.compute_alpha_tangents(),
         "alignment": alignment,
     }
@@ -169,7 +172,7 @@ def build_page_tables(tables: Mapping[str, pd.DataFrame]) -> list[Table]:
 
 
 def _format_table(
-    start: Mapping[str, pd.Series], simulated: pd.Series, known: pd.Series, sigma: pd.Series | None = None
+    start: Mapping[str, pd.Series], simulated: pd.Series, reference: pd.Series, sigma: pd.Series | None = None
 ) -> pd.DataFrame:
     """Format simulated numbers and their differences to known ones as texts, after the first columns."""
     format_milli = partial(format_number, digits=3)
@@ -178,6 +181,6 @@ def _format_table(
         {
             **start,
             "simulated": texts if sigma is None else texts + " ± " + sigma.map(format_milli),
-            "difference": (simulated - known).map(lambda value: NO_VALUE if pd.isna(value) else f"{value:+.3f}"),
+            "difference": (simulated - reference).map(lambda value: NO_VALUE if pd.isna(value) else f"{value:+.3f}"),
         }
     )

@@ -63,7 +63,7 @@ class MissionStudy(GridConfig):
         seeds = map(str, range(self.slews))
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
-        names += [("slew", *which) for which in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
+        names += [("slew", *identifiers) for identifiers in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
         if self.windows:
             windows = [(period, str(k)) for period, count in PERIOD_COUNTS.items() for k in range(count)]
             names += [(WINDOW, str(effects), *window) for effects, window in product(range(len(SETS)), windows)]

@@ -272,12 +272,12 @@ def build_recording(
         raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
     if not abs(attitude_offset_s) < trial.t_s[-1]:
         raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
-    chosen = [
+    interval_rows = [
         (name, activity, select_reference_samples(trial, (first, last), spacing_s))
         for name, activity, first, last in cut_trial(trial, intervals)
     ]
-    chosen = [(name, activity, rows) for name, activity, rows in chosen if rows.size >= 2]
-    if not chosen:
+    interval_rows = [(name, activity, rows) for name, activity, rows in interval_rows if rows.size >= 2]
+    if not interval_rows:
         raise InputError(f"{trial.name}: no interval has two tracked orientations")
     gyro = GyroStream(
         t_s=trial.t_s - attitude_offset_s,
@@ -288,7 +288,7 @@ def build_recording(
         arw_estimated=True,
         arw_degrees=count_walk_degrees(at_rest, trial.sample_s),
     )
-    used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
+    used = np.unique(np.concatenate([rows for _, _, rows in interval_rows]))
     still = trial.still[used]
     rest, motion = _estimate_reference_sigma(trial, gyro, spacing_s)
     sigma = np.where(still[:, None], rest.sigma, motion.sigma)
@@ -300,7 +300,8 @@ def build_recording(
         gyro=gyro,
         attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, True, None, min(rest.degrees, motion.degrees)),
         intervals=tuple(
-            Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
+            Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]]))
+            for name, activity, rows in interval_rows
         ),
         tables={"housekeeping": pd.DataFrame(np.column_stack([gyro.t_s, trial.force]), columns=columns)},
     )
@@ -322,8 +323,8 @@ def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) 
         at_rest = np.array([bool(trial.still[a : b + 1].all()) for a, b in pairs])
         estimates = []
         for mask in (at_rest, ~at_rest):
-            chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
-            estimates.append(fit_reference_sigma(turns.select(chosen), gyro.arw, gyro.arw_degrees))
+            selection = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
+            estimates.append(fit_reference_sigma(turns.select(selection), gyro.arw, gyro.arw_degrees))
         if all(sigma.sigma.any() for sigma in estimates):
             return estimates[0], estimates[1]
         spacing_s /= 2

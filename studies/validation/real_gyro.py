@@ -129,7 +129,7 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
     start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
-    known = KnownCalibration.build(add_remainder(first, calibrate(first)))
+    calibration = KnownCalibration.build(add_remainder(first, calibrate(first)))
     return [
         {
             "kind": "prediction",
@@ -139,7 +139,7 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
             "normalised_rms": float(np.sqrt(np.mean(np.square(error.normalised_rms)))),
             **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", error.normalised_rms, strict=True)},
         }
-        for error in compute_prediction_errors(second, known)
+        for error in compute_prediction_errors(second, calibration)
     ]
 
 
@@ -148,8 +148,8 @@ STUDY = Study("studies.validation.real_gyro:STUDY", RealConfig, run_case, read_r
 
 def select_rows(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Select the rows of a kind with the columns that they have."""
-    chosen = rows[rows["kind"] == kind].drop(columns=["kind", "case", "error"], errors="ignore")
-    return chosen.dropna(axis=1, how="all").reset_index(drop=True)
+    kind_rows = rows[rows["kind"] == kind].drop(columns=["kind", "case", "error"], errors="ignore")
+    return kind_rows.dropna(axis=1, how="all").reset_index(drop=True)
 
 
 def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
@@ -239,8 +239,8 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
 
 def build_step(row: Mapping[Any, Any]) -> Step:
     """Build a step of a budget from its row."""
-    share: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
-    return Step(row["step"], row["misfit"], row["misfit_deg"], *share)
+    closed: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
+    return Step(row["step"], row["misfit"], row["misfit_deg"], *closed)
 
 
 ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)

@@ -163,7 +163,7 @@ SIMULATED_NOTE = "The tables are simulated as the paper would print them, of a k
 
 def _build_flight_checks() -> list[Check]:
     """Build the checks of the flight's table, under the present baseline and the wrong ones."""
-    present, *wrong = list_trial_baselines()
+    present, *wrong_baselines = list_trial_baselines()
     diagnosis, rms = diagnose_under_baseline(present), compute_misfit_rms(diagnose_under_baseline(present))
     places = locate_misfit(read_flight_residual_table(), present)
     return [
@@ -181,7 +181,7 @@ def _build_flight_checks() -> list[Check]:
                 trial.wrong,
                 meaning=WRONG_BASELINE_NOTE,
             )
-            for trial in wrong
+            for trial in wrong_baselines
         ),
     ]
 
