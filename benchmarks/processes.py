@@ -17,7 +17,7 @@ FOLDER = Path(__file__).parents[1]
 
 
 def run_module(module: str, *arguments: float, **settings: str) -> dict[str, Any]:
-    """Return what a module prints in a fresh process, with settings of its environment."""
+    """Run a module in a fresh process, with settings of its environment, and return the JSON that it prints."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
     process = subprocess.run(command, cwd=FOLDER, env=os.environ | settings, capture_output=True, text=True, check=True)
     result: dict[str, Any] = json.loads(process.stdout)

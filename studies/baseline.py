@@ -52,7 +52,7 @@ class RecordingEntry(_Document):
         calibrate_to_json(folder / self.path, self.settings, out)
 
     def compare(self, stored: Path, new: Path) -> tuple[list[Verdict], pd.DataFrame]:
-        """Compare two results: a verdict a limit, and what moved."""
+        """Compare two results: a verdict a limit, and a table of the limits that are not kept."""
         old, now = read_calibration(stored), read_calibration(new)
         same = old.recording_sha256 == now.recording_sha256
         change = compute_change(old.parameters, old.covariance, now.parameters, now.covariance, same)
@@ -80,7 +80,7 @@ class StudyEntry(_Document):
         write_csv(out, rows, DIGITS)
 
     def compare(self, stored: Path, new: Path) -> tuple[list[Verdict], pd.DataFrame]:
-        """Compare two sets of rows: a verdict a column, and what moved."""
+        """Compare two sets of rows: a verdict a column, and a table of moved values."""
         moved = find_changed_values(read_rows(stored), read_rows(new), self.limits)
         counts = moved["quantity"].value_counts()
         names = dict.fromkeys([*read_rows(new), *counts.index])

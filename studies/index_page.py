@@ -153,7 +153,7 @@ def describe_origin(folder: Path) -> str:
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     commit = manifest.get("commit") or "unknown"
-    short_commit = f"{commit[:12]}{commit[40:]}"  # what follows the forty digits says whether there were changes
+    short_commit = f"{commit[:12]}{commit[40:]}"  # "+changes" follows the forty digits of an unclean source
     return f"{manifest.get('command', '')}, commit {short_commit}; {folder.name}/manifest.json has the hash of each file."
 
 

@@ -107,7 +107,7 @@ def estimate_covariance(deviation: Deviation, squares: Mapping[str, float]) -> A
     covariance = np.zeros((len(factors), len(factors)))
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
-            # Lags i − j at which c_ab is summed, and the number of pairs that each stands for.
+            # Lags i − j at which c_ab is summed; each represents `step` lags.
             step = max(1, b // FINE_AVERAGE_STEPS)
             reach = min(REACH * a, max(deviation.lengths)) // step
             lags = step * np.arange(-reach, reach + 1)

@@ -51,7 +51,7 @@ class Fit:
 
     estimates: tuple[TermEstimate, ...]  # one for each term, in the order of `TERMS`
     degrees: Array  # (t,) equivalent degrees of freedom of each averaging time under these terms
-    model: Array  # (t,) Allan variance of the terms that are seen, and of what was known before
+    model: Array  # (t,) Allan variance of the seen terms and of the known noise
     chi2: float
     dof: int
     alternatives: tuple[tuple[str, ...], ...]  # other sets of terms that fit as well
@@ -142,7 +142,7 @@ class _Problem:
 
     logs: Array  # (t,)
     whitening: Array  # (t, t) inverse factor of their covariance
-    known: Array  # (t,) Allan variance of what is known
+    known: Array  # (t,) Allan variance of the known noise
     tau_s: Array
     degrees: Array  # (t,) equivalent degrees of freedom of each estimate
 

@@ -76,7 +76,7 @@ def make_noise_generators(streams: Streams) -> Noise:
 class NoiseFreeSimulation:
     """A scenario simulated without noise."""
 
-    scenario: Scenario  # scenario, motion: what was flown
+    scenario: Scenario  # scenario, motion: as simulated
     motion: Motion
     plain: Recording  # its recording without noise
     rates: Array  # (n, 3) noise-free raw rates, rad/s

@@ -1,4 +1,4 @@
-"""The command ``gyrocal baseline``: whether recordings and studies still give the values that are stored of them."""
+"""The command ``gyrocal baseline``: recordings and studies compared with their stored values."""
 
 from pathlib import Path
 

@@ -158,7 +158,7 @@ def write_result(
     report: Path | None = None,
     recording: Recording | None = None,
 ) -> None:
-    """Print a result as a page, or as JSON in place of it, and write the files that are asked for; build makes the page."""
+    """Print a result as a page, or as JSON in place of it, and write the requested files; build makes the page."""
     if as_json == STDOUT:
         click.echo(format_json(document))
     else:
@@ -172,7 +172,7 @@ def write_result(
 
 
 def read_json(path: Path, description: str, convert: Callable[[Any], T]) -> T:
-    """Read a JSON file and convert its document; an `InputError` if it is no JSON, or not what it should be."""
+    """Read a JSON file and convert its document; an `InputError` if it is no JSON, or cannot be converted."""
     try:
         with path.open("rb") as file:
             text = file.read(MOST_BYTES + 1)
@@ -275,7 +275,7 @@ def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tu
 
 
 def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None, limits: Sequence[Verdict] = ()) -> None:
-    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure, or 1 if one of the limits is."""
+    """Write the verdicts as JUnit, and leave with status 3 if one of them is a failure, or 1 if one of the limits is."""
     if junit:
         write_junit(junit, f"gyrocal {command}", subject, [*verdicts, *limits])
     if any(verdict.failure for verdict in [*verdicts, *limits]):

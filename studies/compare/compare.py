@@ -157,7 +157,7 @@ def build_scenario_comparison(
     flights: Sequence[FlightStatistics],
     floors: tuple[float, float],
 ) -> ScenarioComparison:
-    """Compute the percentiles of a recording, measured as it is (bare) and under a scenario, among the scenario's flights.
+    """Compute the percentiles of a recording, measured unchanged (plain) and under a scenario, among the scenario's flights.
 
     The floors are E m_0 under M0, of attitude and samples.
     """

@@ -74,7 +74,7 @@ class Executor:
         self.close(finished=kind is None)
 
     def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
-        """Run tasks, each alone if asked for; yields each as it ends, with its result, or None if its worker died."""
+        """Run tasks, one at a time if `alone`; yields each as it ends, with its result, or None if its worker died."""
         waiting, in_flight = iter(tasks), dict[Future[Result], Task]()
         while True:
             free = (1 if alone else self.window()) - len(in_flight)
@@ -148,7 +148,7 @@ class _Loky(Executor):
     def submit(self, task: Task) -> Future[Result]:
         # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
         with _delay_interrupt():
-            # The pool may be found broken only now; asked for again it is a new one.
+            # The pool may turn out to be broken only now; the next call of _pool returns a new one.
             for _ in range(self.jobs):
                 with contextlib.suppress(*self.deaths):
                     return self._pool().submit(self.run, task)
@@ -233,7 +233,7 @@ def _check_scheduler(distributed: Any, address: str) -> None:
         comm = await distributed.comm.connect(address, timeout=CONNECT_S)
         await comm.close()
 
-    # In a separate thread: beside an event loop, as in a notebook, no second one may run.
+    # In a separate thread: a thread with an event loop, as in a notebook, cannot run a second one.
     with ThreadPoolExecutor(1) as thread:
         error = thread.submit(lambda: asyncio.run(asyncio.wait_for(shake(), CONNECT_S))).exception()
     if error:  # any type: the port may belong to another program

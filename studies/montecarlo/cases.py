@@ -190,7 +190,7 @@ class _Child:
         return result
 
     def end(self) -> str:
-        """End the process; returns where it was at the limit, empty if it did not reach it."""
+        """End the process; returns its traceback at the limit, empty if it did not reach it."""
         self.process.kill()
         self.process.wait()
         self.pipe.close()
@@ -216,7 +216,7 @@ def _run_limited(task: Task, kinds: dict[str, str]) -> Result:
 
 
 def end_child() -> str:
-    """End the child of this process, if there is one; returns where it was at the limit."""
+    """End the child of this process, if there is one; returns its traceback at the limit."""
     return _children.pop().end() if _children else ""
 
 

@@ -40,7 +40,7 @@ Sampler = Literal["random", "lhs", "sobol"]
 SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite
 SOBOL_BITS = 32  # as many cases as there are case numbers
 SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix: below it the Cholesky factor is rounding
-SOBOL_BLOCK = 1024  # rows made at a time; a power of two, as the sequence wants
+SOBOL_BLOCK = 1024  # rows of one draw; a power of two, which the sequence needs
 
 
 class _Distribution(BaseModel):

@@ -48,7 +48,7 @@ def read_commit() -> str | None:
     folder = Path(__file__).parent
     try:
         head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, check=True)
-        # Results are what a run writes; they do not make the source unclean.
+        # Results, which a run writes, do not make the source unclean.
         sources = ["status", "--porcelain", "--", ":/", ":(top,exclude)results"]
         status = subprocess.run(["git", *sources], cwd=folder, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):

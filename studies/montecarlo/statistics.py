@@ -15,7 +15,7 @@ from gyrocal.arrays import Array
 
 @dataclass(frozen=True)
 class Nees:
-    """Mean NEES over the cases, its two-sided bounds, and whether it is inside."""
+    """Mean NEES over the cases and its two-sided bounds."""
 
     value: float
     lower: float

@@ -28,7 +28,7 @@ ROW_GROUP = 8192  # rows of the table's row groups
 METADATA = b"gyrocal"
 LARGEST_PART = 64  # cases
 ANOTHER_FOLDER = "choose another --out, or delete the folder"
-PARTS = 128  # that a study has at least, if it has so many cases
+PARTS = 128  # least number of parts of a study with at least as many cases
 
 
 class PartInfo(NamedTuple):

@@ -104,7 +104,7 @@ Config = TypeVar("Config", bound=StudyConfig)
 
 @dataclass(frozen=True)
 class Streams:
-    """Random streams of one case, by what each is used for."""
+    """Random streams of one case, by their purpose."""
 
     entropy: int
     case: int

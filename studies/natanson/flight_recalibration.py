@@ -58,7 +58,7 @@ def calibrate_like_paper(
     )
 
 
-# ---- one iteration, beside N's ---------------------------------------------------------------------------------------------
+# ---- one iteration, compared with N's ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class StepCalibration:
 
     @property
     def flown(self) -> Array:
-        """(6, 3) the flight's, the doubtful sign of N Table 2 as N Table 4 asks for, deg."""
+        """(6, 3) residuals of the flight, with the doubtful sign of N Table 2 as N Table 4 requires, deg."""
         cells = flight.read_published_residuals("calibrated", self.step_s).copy()
         if self.step_s == DOUBTED[0]:
             cells[DOUBTED[1:]] *= -1

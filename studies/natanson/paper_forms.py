@@ -108,5 +108,5 @@ def _format_beside(flown: float, mean: float, std: float | None, digits: int) ->
 
 
 def _round_text(value: float, digits: int) -> str:
-    """Format a number with so many decimals, and zero without a sign."""
+    """Format a number with `digits` decimals, and zero without a sign."""
     return f"{round(value, digits) + 0.0:.{digits}f}"

@@ -50,7 +50,7 @@ TABLE_NOTES = {
     "numbers are. Second iteration: 1e-6 and 1e-8 deg/s, recalculated from the flight's own residuals at 1 s in gyro space.",
 }
 
-# Intervals, and which axes. In inertial hold z stays within the line's width of zero, as N says.
+# Intervals and axes. In inertial hold z stays within the line's width of zero, as N says.
 FIGURE_LAYOUTS = {
     "figure1_yaw_maneuvers": [(1, "xyz"), (5, "xyz")],
     "figure2_minus_y_forward": [(3, "xyz")],
@@ -65,7 +65,7 @@ FIGURE_TITLES = {
 
 
 def run(folder: Path, config: PaperTablesConfig, jobs: int, console: Console) -> dict[str, Any]:
-    """Do the whole reproduction with so many worker processes, write it to a folder, and return the summary."""
+    """Reproduce the paper in worker processes, write tables and figures to a folder, and return the summary."""
     scenario = load_base_scenario(config)
     reproduction = Reproduction(console, jobs)
     outcome = reproduction.run(paper_tables.STUDY, config, folder)
@@ -119,7 +119,7 @@ def summarise_prediction(scenario: Scenario, scan: pd.DataFrame) -> dict[str, An
 
 
 def add_recalibration_tables(scenario: Scenario, reproduction: Reproduction) -> None:
-    """Add the flight's own residuals recalibrated, beside N's results, and N Table 5's second iteration."""
+    """Add the recalibration of the flight's residuals, compared with N's results, and N Table 5's second iteration."""
     calibrations = flight_recalibration.calibrate_each_step(scenario)
     agreement = flight_recalibration.compare_residuals_by_step(calibrations)
     second = flight_recalibration.build_second_iteration_table(scenario)
@@ -134,7 +134,7 @@ def add_recalibration_tables(scenario: Scenario, reproduction: Reproduction) -> 
 
 
 def build_page_tables(tables: dict[str, pd.DataFrame]) -> list[Table]:
-    """Format N Tables 2 to 5, simulated beside flight values; Tables 2 to 4 once per propagation step."""
+    """Format N Tables 2 to 5 with simulated and flight values; Tables 2 to 4 once per propagation step."""
     page_tables = []
     for name in ("table2", "table3", "table4"):
         title, note = paper_tables.PAPER_TABLE_TITLES[name], TABLE_NOTES[name]

@@ -59,7 +59,7 @@ def build_calibration_page(
     provenance: ProvenanceFooter | None = None,
     further_sections: Sequence[Section] = (),
 ) -> Page:
-    """Build the page; held_out says how well held-out turns are predicted, and further sections come last."""
+    """Build the page; held_out describes the prediction of held-out turns, and further sections come last."""
     caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
     picture = Picture("forest", partial(draw_forest, result), FOREST_ALT, caption)
     residuals = Picture("residuals", partial(draw_residual_figure, result), RESIDUAL_ALT, RESIDUAL_FIGURE_NOTE)
@@ -153,7 +153,7 @@ def describe_worst_residual(result: CalibrationResult) -> str:
 
 
 def list_remarks(result: CalibrationResult) -> list[str]:
-    """List the remainder and what the sigmas leave out, in sentences."""
+    """List the remainder and the errors that the sigmas do not include, in sentences."""
     lines = [describe_remainder(result)]
     if len(result.solved_for) < len(result.sigma):
         lines.append(
@@ -185,7 +185,7 @@ def describe_remainder(result: CalibrationResult) -> str:
 
 
 def describe_attenuation(result: CalibrationResult) -> str:
-    """State the expected error of G from noise in the rates, if it matters beside the sigmas; empty otherwise."""
+    """State the expected error of G from noise in the rates, if it is notable against the sigmas; empty otherwise."""
     if result.attenuation is None:
         return ""
     sizes = np.abs(np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0))  # in sigmas

@@ -27,13 +27,13 @@ REQUIREMENT_NOTE = (
 class Check:
     """A finding."""
 
-    name: str  # what was found, in words
+    name: str  # of the quantity, in words
     value: float | str  # a number, NaN where the rows do not say; or a word
     # lowest and highest value that passes, infinite where there is none; the word to be; None for a note
     bounds: Bounds | str | None = None
     unit: str = ""  # of value and bounds
-    meaning: str = ""  # a sentence that says how to read checks of this kind
-    outside: bool = False  # whether the value must be outside its bounds, as that of a control
+    meaning: str = ""  # a sentence that explains checks of this kind
+    outside: bool = False  # whether the value must be outside its bounds, as for a control
 
     @property
     def verdict(self) -> Verdict:

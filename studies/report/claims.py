@@ -74,8 +74,8 @@ class Claim:
     """A claim of a paper."""
 
     where: str  # its place in the paper
-    text: str  # what the paper says
-    judge: Judge  # verdict and what was found, in a sentence
+    text: str  # of the claim
+    judge: Judge  # returns verdict and finding, in a sentence
 
 
 @dataclass(frozen=True)

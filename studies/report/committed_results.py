@@ -18,7 +18,7 @@ from studies.report.tables import SIGNIFICANT_DIGITS
 
 ROOM = 1.1e-5  # relative: one unit of the last of them
 ZERO_TOLERANCE = 1e-12  # of numbers that are zero but for rounding
-COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: what is smaller is zero but for rounding
+COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: smaller numbers are zero but for rounding
 RESULT_SETTINGS = ("cases", "entropy", "scenario", "overrides", "days", "seeds", "slews")  # settings that results depend on
 
 

@@ -89,7 +89,7 @@ def show_progress(label: str, total: int, quiet: bool = False) -> Iterator[Calla
 
 @contextmanager
 def show_stages(command: str, every_s: float | None = None) -> Iterator[Callable[[str, float], None]]:
-    """Show the stages of a command on standard error: a bar on a terminal; elsewhere a line every so many s, or for each stage.
+    """Show the stages of a command on standard error: a bar on a terminal; elsewhere a line each `every_s`, or for each stage.
 
     Yields a function that takes the present stage as "stage: detail", and the share of the work that is done.
     """

@@ -1,4 +1,4 @@
-"""What a study reports: checks, tables and figures made from its rows, written beside them and shown."""
+"""Report of a study: checks, tables and figures computed from its rows, written to its folder and shown."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -75,7 +75,7 @@ def write(report: Report, title: str, folder: Path) -> None:
 
 
 def show(report: Report, console: Console) -> None:
-    """Print tables, then checks, so that these are what stays in view."""
+    """Print tables, then checks, so that the checks stay in view."""
     for table in report.tables.values():
         rendered.print_table(console, table.title, table.get_shown_data(), table.note, table.formats)
     if report.checks:
@@ -89,7 +89,7 @@ def _format_findings(report: Report) -> list[str]:
     return [f"- {sentence}" for sentence in (*report.findings, *rendering.list_meanings(report.checks))]
 
 
-# ---- a study without a report of its own ----------------------------------------------------------------------------------
+# ---- the default report of a study ---------------------------------------------------------------------------------------
 
 QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 

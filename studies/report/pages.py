@@ -48,7 +48,7 @@ class Picture:
 
     name: str  # of its anchor
     draw: Callable[[], Figure | bytes]  # makes it, or its SVG
-    alt: str  # what it shows, for those who do not see it
+    alt: str  # its content in words, for those who do not see it
     caption: str  # how to read it
 
     @property
@@ -115,14 +115,14 @@ class Answer:
     """The first screen of a page."""
 
     kind: str  # "gap", "open", or "" for an agreement
-    picture: Picture | None  # what carries the answer
-    sentence: str  # what it says
+    picture: Picture | None  # of the answer
+    sentence: str  # of the answer
     lines: Mapping[str, str] = field(default_factory=dict)  # answers by question
 
 
 @dataclass(frozen=True)
 class ProvenanceFooter:
-    """What a page's footer says."""
+    """Contents of a page's footer."""
 
     version: str  # of gyrocal
     day: str  # as YYYY-MM-DD, UTC

@@ -34,7 +34,7 @@ PANEL_STYLE: dict[Any, Any] = svg.SVG_STYLE | {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
 }
-# Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
+# Tol's vibrant scheme, and near-black: distinct for every kind of colour vision.
 RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
 AXIS_COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 AXIS_LINE_STYLES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
@@ -59,7 +59,7 @@ class Panel:
     legend_title: str = ""  # above it
 
     def draw_axes(self, axes: Axes) -> None:
-        """Draw the panel with what belongs to its axes."""
+        """Draw the panel with scales, lines, ticks, labels and legend of its axes."""
         for axis in self.log:
             getattr(axes, f"set_{axis}scale")("log")
         self.draw(axes)

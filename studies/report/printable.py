@@ -2,7 +2,7 @@
 
 import re
 
-CONTROL_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # and halves of what UTF-16 has as pairs
+CONTROL_CHARACTERS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # and surrogates
 IN_XML = bytes(code if code >= 0x20 or code in b"\t\n\r" else ord("?") for code in range(256))
 
 

@@ -28,7 +28,7 @@ FOLDED = 24  # characters: least width to which a narrow terminal folds a text
 class Table:
     """A table of a report."""
 
-    title: str  # what is in it
+    title: str  # its content
     data: pd.DataFrame  # the numbers; written as CSV
     note: str = ""  # a sentence on how to read it
     # format of a column, such as ".3f", where few digits are not the right ones
@@ -117,7 +117,7 @@ def join_items(items: Sequence[str], last: str) -> str:
 def print_table(
     console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
 ) -> None:
-    """Print a table; texts are folded, and columns that still do not fit beside the first ones are named below it."""
+    """Print a table; texts are folded, and columns that still do not fit into the terminal are named below it."""
     cells = list(format_cells(table, formats or {}))
     headings = [format_heading(str(column)) for column in table.columns]
     numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table.columns]

@@ -148,7 +148,7 @@ CALENDAR_WORDS = "dotted: yaw maneuvers; solid: uploads"
 
 
 def select_last_orbits(telemetry: pd.DataFrame, orbits: float = SHOWN_ORBITS) -> tuple[pd.DataFrame, float]:
-    """Select the telemetry of so many orbits at the end, and return also its start, s."""
+    """Select the telemetry of the last orbits, and return also its start, s."""
     start = float(telemetry["t_s"].iloc[-1]) - orbits * MissionConfig().orbit.period
     return telemetry[telemetry["t_s"] >= start], start
 

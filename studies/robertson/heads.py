@@ -56,10 +56,10 @@ ALIGNMENT = (
     "dss_misalignment=0.22475,m_x_deg=-0.15648,m_y_deg=-0.11411,m_z_deg=0.11402",
     "esa_bias=0.19681,bias_1_deg=-0.1574,bias_2_deg=0.04635,bias_3_deg=-0.09414,bias_4_deg=-0.05382",
 )
-ORTHOGONAL = list_solved_for(tuple(SENSOR_EFFECTS.values()))  # what the calibration of the first upload solved for
+ORTHOGONAL = list_solved_for(tuple(SENSOR_EFFECTS.values()))  # parameters of the first upload's calibration
 HEAD_NEWTON_STEPS = 3  # steps; the second leaves 1e-5 deg
 STORY: Mapping[str, tuple[str, ...]] = {
-    "R": TRUE_HEAD_EFFECTS,  # and what `solve_further_truth` finds
+    "R": TRUE_HEAD_EFFECTS,  # and the results of `solve_further_truth`
     "heads": TRUE_HEAD_EFFECTS,
     "misalignment": ALIGNMENT[:1],
     "nominal": (),
@@ -261,7 +261,7 @@ def average_gaps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
-    """Build the checks of the study beside its tables."""
+    """Build the checks of the study."""
     groups = {
         "R's heads, misalignment and biases": ["R"],
         "turned heads alone": ["heads"],

@@ -143,9 +143,9 @@ POST = PERIODS[2]
 class Rung:
     """A step of the ladder."""
 
-    name: str  # what it adds to the rung before
+    name: str  # of the effect added to the previous rung
     effects: tuple[str, ...]  # all of them
-    against: str = "onboard_minus_ground"  # what the on-board attitude is compared with
+    against: str = "onboard_minus_ground"  # difference of the on-board attitude that is used
     fitted: tuple[Number, ...] = ()  # numbers of R Table 3 that a size was fitted on in this step
 
 

@@ -92,7 +92,7 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
                         "axis": axis,
                         "limit_deg": limit,
                         "simulated_deg": value,
-                        # Stability says nothing without a source of jitter; NaN where nothing was flown is not met either.
+                        # Stability is not tested without a source of jitter; NaN, without a flight, is not met either.
                         "met": None if name == "stability" else bool(value < limit),
                     }
                 )

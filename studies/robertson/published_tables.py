@@ -1,4 +1,4 @@
-"""The flight's values that the mission study is put beside: R Tables 1–3, and the yaw maneuvers whose dates are published.
+"""The flight's values that the mission study is compared with: R Tables 1–3, and the published dates of yaw maneuvers.
 
 R Table 3's scatter of the gyro bias is given for two periods, "the second and third of those used for the other parameters",
 although its layout puts the first of them under precalibration. R dates the maneuver of March 21 to the day.

@@ -47,7 +47,7 @@ MONTHS_NOTE = "Accuracy and update in deg, bias scatter in deg/h. Simulated accu
 
 
 def run(folder: Path, study: MissionStudy, jobs: int, console: Console) -> dict[str, Any]:
-    """Fly everything with so many worker processes, write it to a folder, and return the summary."""
+    """Simulate all flights in worker processes, write tables and figures to a folder, and return the summary."""
     reproduction = Reproduction(console, jobs)
     outcome = reproduction.run(STUDY, study, folder)
     runs = load_flights(study, outcome.table)
@@ -105,7 +105,7 @@ def add_flight_comparison(reproduction: Reproduction, rows: dict[tuple[str, ...]
 
 
 def summarise_mission(tables: Mapping[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
-    """Summarise the numbers that the claims need, as plain values; None for what was not flown."""
+    """Summarise the numbers that the claims need, as plain values; None for missing flights."""
     table3, table2, requirements = tables["table3"], tables["table2"], tables["requirements"]
 
     def summarise_periods(parameter: str) -> dict[str, dict[str, float | None]]:
@@ -148,7 +148,7 @@ def _find_largest_errors(run: MissionRun) -> dict[str, float]:
 
 
 def build_page_tables(tables: Mapping[str, pd.DataFrame]) -> list[Table]:
-    """Build R Tables 1 to 3 beside the flight's values from the reproduction's tables."""
+    """Build R Tables 1 to 3 with the flight's values from the reproduction's tables."""
     limits = tables["requirements"]
     names = limits["period"].map(PERIOD_NAMES) + ": " + limits["requirement"] + " " + limits["axis"]
     required = {"number": names, "required": limits["limit_deg"].map("{:g}".format)}

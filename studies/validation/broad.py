@@ -1,4 +1,4 @@
-"""A trial of BROAD, a MEMS gyro beside an optical reference orientation, as a recording; see docs/validation.md.
+"""A trial of BROAD, a MEMS gyro with an optical reference orientation, as a recording; see docs/validation.md.
 
 The body frame is the sensor's. The inertial frame is replaced by the East-North-Up frame of the cameras, which turns with the
 Earth: up to 0.0042 deg/s, which a bias absorbs only while the attitude is constant. Rates and attitudes keep the file's values
@@ -45,7 +45,7 @@ PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
 OFFSET_STEP_S = 0.03  # between the orientations whose rates show a time offset
-FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
+FEWEST_INCREMENTS = 12  # for a separate sigma at rest, or in motion
 
 
 @dataclass(frozen=True)

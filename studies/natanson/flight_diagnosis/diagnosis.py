@@ -67,7 +67,7 @@ class TableDiagnosis:
     noise: tuple[float, float]  # mean and sigma of the noise over the baseline's
     before: Array  # before, after: (18,) d without and with the listed effects of the likeliest explanation, deg
     after: Array
-    causes: tuple[str, ...] = ()  # effects with a probability of `NAMING_PROBABILITY`, "unknown" left out
+    causes: tuple[str, ...] = ()  # effects with a probability of `NAMING_PROBABILITY`, without "unknown"
     unknown: float = 0.0  # probability of an unknown effect
     fitted: tuple[FittedEffect, ...] = ()  # effects of the likeliest explanation, unlisted ones included
 
@@ -168,7 +168,7 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
 
 
 def _sum_probability(attribution: Attribution, effect: str) -> float:
-    """Sum the probability of the explanations that hold an effect, on whatever axis."""
+    """Sum the probability of the explanations with an effect, on any axis."""
     ranked = attribution.ranked
     return sum(entry.probability for entry in ranked if any(label.startswith(effect) for label in entry.labels))
 

@@ -207,7 +207,7 @@ def estimate_noise_level(table: ResidualTable, Theta: Array, baseline: Baseline)
     return float(total - np.log(len(log_likelihoods)) - log_likelihood_baseline), mean, sigma
 
 
-# ---- whether there is a gap, and where -------------------------------------------------------------------------------------
+# ---- tests of a misfit, and its place ------------------------------------------------------------------------------------
 
 
 def adjust_by_holm(p: Array) -> Array:
