@@ -156,16 +156,7 @@ def command(
     if not all(0 < value < LARGEST for value in (plausible_g, plausible_bias) if value is not None):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     plausible_rate = None if plausible_bias is None else float(np.deg2rad(plausible_bias / 3600))
-    for text in fail_on:
-        parse_condition(text, CONDITIONS)
-    if against is None and (max_sigma is not None or max_change):
-        raise InputError("--max-sigma and --max-change limit a change: give the saved result with --against RESULT.json")
-    if max_sigma is not None and not 0 < max_sigma < LARGEST:
-        raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
-    for text in max_change:
-        from studies.report.calibration import parse_limit
-
-        parse_limit(text)
+    _check_conditions(fail_on, against, max_sigma, max_change)
     original = load(recording)
     for text in read_import_warnings(recording):
         click.echo(f"implausible: {text}")
@@ -220,6 +211,20 @@ def command(
     write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
+
+
+def _check_conditions(fail_on: tuple[str, ...], against: Path | None, max_sigma: float | None, limits: tuple[str, ...]) -> None:
+    """Raise `InputError`, before the work, for conditions and limits that cannot be tested."""
+    for text in fail_on:
+        parse_condition(text, CONDITIONS)
+    if against is None and (max_sigma is not None or limits):
+        raise InputError("--max-sigma and --max-change limit a change: give the saved result with --against RESULT.json")
+    if max_sigma is not None and not 0 < max_sigma < LARGEST:
+        raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
+    for text in limits:
+        from studies.report.calibration import parse_limit
+
+        parse_limit(text)
 
 
 def _describe_input(recording: Recording) -> dict[str, str | None]:

@@ -1,12 +1,15 @@
 """The command ``gyrocal simulate``: a scenario, or a recording once more, as a recording."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.recording import load, save
+from gyrocal.recording import Recording, load, save
 from studies.cli.options import (
     FOLDER_TYPE,
     FORCE,
@@ -18,6 +21,10 @@ from studies.cli.options import (
     refuse_existing,
 )
 from studies.montecarlo.files import write_json
+
+if TYPE_CHECKING:
+    from gyrocal.calibration.parameters import GyroParameters
+    from simulator.effects import Setting
 
 
 @click.command("simulate")
@@ -75,25 +82,15 @@ def command(
     from simulator import adopted_scenario
     from simulator import scenario as scenarios
     from simulator.adopted_scenario import ReplayPlan
-    from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
-    from simulator.effects.sensor import parse as parse_effect
-    from simulator.replay import replay
+    from simulator.effects.sensor import parse, tabulate_setting
     from simulator.simulate import simulate
     from simulator.streams import generator
 
-    settings = [parse_effect(text) for text in effects]
+    settings = [parse(text) for text in effects]
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
-        on_sensors = [setting.effect for setting in settings if setting.effect in SENSOR_EFFECTS]
-        if on_sensors:
-            raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
-        original = load(scenario)
-
-        from gyrocal.calibration.davenport import calibrate
-
-        parameters = calibrate(original).parameters
-        recording = replay(original, parameters.G, parameters.bias, settings, seed=seed, case=case, noise=noise)
+        recording, parameters = _replay(scenario, settings, seed, case, noise)
         G, bias_deg_s = parameters.G.tolist(), np.rad2deg(parameters.bias).tolist()
     else:
         adopted = adopted_scenario.load(scenario)
@@ -121,6 +118,22 @@ def command(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
     )
+
+
+def _replay(folder: str, settings: list[Setting], seed: int, case: int, noise: bool) -> tuple[Recording, GyroParameters]:
+    """Calibrate a recording and simulate its motion again with effects; returns the new recording and its true parameters."""
+    from simulator.effects.sensor import SENSOR_EFFECTS
+    from simulator.replay import replay
+
+    on_sensors = [setting.effect for setting in settings if setting.effect in SENSOR_EFFECTS]
+    if on_sensors:
+        raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
+    original = load(folder)
+
+    from gyrocal.calibration.davenport import calibrate
+
+    parameters = calibrate(original).parameters
+    return replay(original, parameters.G, parameters.bias, settings, seed=seed, case=case, noise=noise), parameters
 
 
 def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:

@@ -206,11 +206,9 @@ def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
     return _evaluate_quantiles(config.dispersions, scenario, by_path.values())
 
 
-def _evaluate_quantiles(
-    dispersions: Mapping[str, Dispersion], scenario: Scenario, probabilities: Iterable[float]
-) -> dict[str, float]:
+def _evaluate_quantiles(dispersions: Mapping[str, Dispersion], scenario: Scenario, levels: Iterable[float]) -> dict[str, float]:
     """Evaluate the dispersed values, each at a quantile of its distribution, in the order of the dispersions."""
     return {
-        path: dispersion.apply_draw(dispersion.quantile(probability), get_scenario_value(scenario, path))
-        for (path, dispersion), probability in zip(dispersions.items(), probabilities, strict=False)
+        path: dispersion.apply_draw(dispersion.quantile(level), get_scenario_value(scenario, path))
+        for (path, dispersion), level in zip(dispersions.items(), levels, strict=False)
     }
