@@ -83,6 +83,7 @@ def rank_explanations(model: LinearModel, nothing: float) -> list[Explanation]:
     level = list(best_by_key.values())
     for _ in range(model.most_effects - 1):
         children = [child for parent in level[:WIDTH] for child in search.list_children(parent)]
+        # Each set once, by its likeliest child, since the last one of a key stays: ascending, and then descending again.
         likeliest = list({child.key: child for child in sort_by_posterior(children)[::-1]}.values())[::-1]
         level = sort_by_posterior([search.optimise_members(explanation.members) for explanation in likeliest[: 2 * WIDTH]])
         best = max(explanation.log_posterior for explanation in best_by_key.values())

@@ -28,6 +28,7 @@ MOTION_MARGIN_SAMPLES = 60  # samples next to a visible motion that are left out
 GENTLE = (20, 40, 80, 160)  # lengths, in samples, of means that detect a gentle motion
 DEPARTS = 4.0  # sigmas: difference of two adjacent means that shows a motion
 DENIED = 1e-4  # p-value below which the references reject a constant rate
+FEWEST_SAMPLES = 256  # of a stretch
 FEWEST_REFERENCES = 5  # for a spline
 CONSTANT_RATE_ITERATIONS = 6  # of the fit of a constant rate
 
@@ -68,7 +69,8 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
     stretches = tuple(stretch for stretch in built if stretch is not None)
     if not stretches:
         subject = "the recording" if interval is None else f"interval {interval}"
-        raise InputError(f"no stretch of {subject} shows the gyro's noise: all of it moves, or it is shorter than 256 samples")
+        reason = f"all of it moves, or it is shorter than {FEWEST_SAMPLES} samples"
+        raise InputError(f"no stretch of {subject} shows the gyro's noise: {reason}")
     notes = [] if all(stretch.rest for stretch in stretches) else list(calibrate_once()[1])
     if omitted := len(built) - len(stretches):
         notes.append(f"{omitted} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")
@@ -129,7 +131,7 @@ def _find_usable_runs(
             x = recording.gyro.rates[begin:end] / noise
             end -= 0 if high == last else _count_gentle_samples(x[::-1])
             begin += 0 if low == first else _count_gentle_samples(x)
-        if end - begin >= 256:
+        if end - begin >= FEWEST_SAMPLES:
             out.append((int(begin), int(end)))
     return out
 
@@ -164,7 +166,7 @@ def _build_stretch(
         return None
     low, high = np.searchsorted(gyro.t_s[part], [t[0] - 1e-6, t[-1] - gyro.sample_s + 1e-6])
     part = slice(part.start + int(low), part.start + int(high))
-    if part.stop - part.start < 256:
+    if part.stop - part.start < FEWEST_SAMPLES:
         return None
     edges = np.append(gyro.t_s[part], gyro.t_s[part.stop - 1] + gyro.sample_s)
     # A cubic spline of quaternions assumes nothing of the rate at the ends.

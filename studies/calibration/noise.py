@@ -65,7 +65,7 @@ class NoiseConfig(GridConfig):
         return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), estimate_flight_noise(self)]
 
     def has_spread(self, case: int) -> bool:
-        """Whether a point is a corner of the grid or the flight's."""
+        """Check whether a point is a corner of the grid or the flight's."""
         last = len(self.sigma_deg) - 1
         return case in (0, last, self.cases - 2 - last, self.cases - 2, self.cases - 1)
 

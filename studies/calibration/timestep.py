@@ -189,7 +189,7 @@ def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimate_gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
-    """Order in Δt of the gyro noise's part of the spread, and its standard error by leaving out one case at a time."""
+    """Estimate the order in Δt of the gyro noise's part of the spread, and its standard error by the jackknife."""
     steps = sorted(set(rows["step_s"]))
     parts = [select_step(rows, step, resampling).sort_values("case") for step in steps]
     squares = np.stack([(_select_columns(part, "gyro") - _select_columns(part, "held")) ** 2 for part in parts])

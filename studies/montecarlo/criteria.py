@@ -199,7 +199,7 @@ class Requirement:
         return 1 - probability if self.sign == "<" else probability
 
     def judge(self, rows: pd.DataFrame) -> Answer:
-        """Answer from all rows of a study.
+        """Judge the requirement from all rows of a study.
 
         A failed case counts as beyond the limit, and so does one without a value. A case with several rows counts by the worst.
         `InputError` if there is no such column, or it holds no numbers.
@@ -215,7 +215,7 @@ class Requirement:
         return self.judge_counts(len(counts), *(int(counts[name].sum()) for name in counts))
 
     def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0, infinite: int = 0) -> Answer:
-        """Answer from the number of cases and of those beyond the limit."""
+        """Judge the requirement from the number of cases and of those beyond the limit."""
         q, risk = self.failure_probability, 1 - self.confidence / 100
         is_met, is_missed = (tail(beyond, cases, q) <= risk for tail in (compute_tail_below, compute_tail_above))
         outcome: Outcome = "met" if is_met else "not met" if is_missed else "undecided"

@@ -122,6 +122,7 @@ def _read_imports(module: str, path: Path, is_package: bool) -> list[str]:
     names = []
     for source, imported, plain, computed in IMPORT.findall(re.sub(r"\\\n|#.*", " ", text)):
         dots = len(source) - len(source.lstrip("."))
+        # Parents of a relative import: one dot is the package itself, each further one the package above.
         above = module.split(".")[: len(module.split(".")) - dots + is_package] if dots else []
         base = ".".join([*above, *filter(None, [source.lstrip(".")])])
         attributes = [part.split()[0] for part in imported.strip("() \n").split(",") if source and part.strip()]

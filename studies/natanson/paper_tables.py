@@ -314,7 +314,7 @@ PAPER = "The paper's covariance knows no gyro noise: it is the control, which mu
 
 
 def _build_consistency_checks(rows: pd.DataFrame, step_s: float) -> list[Check]:
-    """Whether the covariances are consistent at a step, of both ψ, and the paper's is not."""
+    """Check that the covariances are consistent at a step, with both ψ, and that the paper's is not."""
     checks = []
     for name, group in rows[rows["step_s"] == step_s].groupby(["covariance", "psi", "resampling"], sort=False):
         nees, is_control = statistics.check_mean_nees(group["nees"], len(NAMES)), name[0] != "full"

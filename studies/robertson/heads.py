@@ -116,14 +116,14 @@ def solve_further_truth(scenario: Scenario) -> tuple[Setting, ...]:
     The heads alone already look like a misalignment, so that a fit does not give R (3) if R (3) is added to them. The fit is
     nearly linear in the true amplitudes x: x ← x + (wanted − fitted), from x = wanted, on tables without noise.
     """
-    targets = [(parse(text), compute_sensor_amplitudes(parse(text))) for text in ALIGNMENT]
-    true_amplitudes = [amplitudes for _, amplitudes in targets]
+    settings = [parse(text) for text in ALIGNMENT]
+    wanted = true_amplitudes = [compute_sensor_amplitudes(setting) for setting in settings]
     for _ in range(HEAD_NEWTON_STEPS):
-        effects = [_replace_amplitudes(setting, x) for (setting, _), x in zip(targets, true_amplitudes, strict=True)]
+        effects = map(_replace_amplitudes, settings, true_amplitudes)
         fitted = fit_orthogonal_calibration(scenario, [*map(parse, TRUE_HEAD_EFFECTS), *effects])
-        pairs = zip(true_amplitudes, targets, strict=True)
-        true_amplitudes = [x + target_x - fitted[setting.effect] for x, (setting, target_x) in pairs]
-    return tuple(_replace_amplitudes(setting, x) for (setting, _), x in zip(targets, true_amplitudes, strict=True))
+        estimates = [fitted[setting.effect] for setting in settings]
+        true_amplitudes = [x + goal - estimate for x, goal, estimate in zip(true_amplitudes, wanted, estimates, strict=True)]
+    return tuple(map(_replace_amplitudes, settings, true_amplitudes))
 
 
 def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, Array]:

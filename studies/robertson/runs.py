@@ -59,7 +59,7 @@ class MissionStudy(GridConfig):
     windows: bool = True  # whether the ladder's windows are flown
 
     def points(self) -> list[Name]:
-        """Name of each flight, the longest first."""
+        """List the name of each flight, the longest first."""
         seeds = map(str, range(self.slews))
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
