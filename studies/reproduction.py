@@ -41,7 +41,6 @@ def call_all(calls: Sequence[Callable[[], T]], jobs: int) -> list[T]:
 
 
 def _call(task: tuple[int, Callable[[], T]]) -> T:
-    """Call the function of a numbered task."""
     return task[1]()
 
 

@@ -13,7 +13,6 @@ TANGENT_TOLERANCE = 0.15  # relative: tan α of a corrected (c, d) against the g
 
 
 def _decide(agrees: bool) -> Verdict:
-    """Return the verdict of a claim that a number decides."""
     return "agrees" if agrees else "open"
 
 
