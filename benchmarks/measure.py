@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from benchmarks import c_kernel, mission_loop, references
 from benchmarks.processes import measure_starts, run_module
-from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
+from benchmarks.streams import Flight, compute_disagreement, run_packed, run_unpacked
 from studies.montecarlo.manifest import REPORTED_PACKAGES, read_commit
 
 METHOD = (
@@ -52,8 +52,8 @@ class Candidate(NamedTuple):
 def interleave(candidates: Mapping[str, Candidate]) -> dict[str, float]:
     """Measure the least time of each candidate, ms.
 
-    A turn is a call that is not timed, then one that is: so each finds its own data in the caches, whoever came before it and
-    whether or not that one read the same. A candidate with a single round is called once.
+    A turn is an untimed call, then a timed one, so that each candidate finds its own data in the caches whichever came before
+    it. A candidate with a single round is called once.
     """
     total = max(candidate.rounds for candidate in candidates.values())
     least = dict.fromkeys(candidates, float("inf"))
@@ -71,7 +71,7 @@ def interleave(candidates: Mapping[str, Candidate]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much of everything is done."""
+    """Numbers of rounds, cases and sizes that are measured."""
 
     # factor on the number of samples → rounds of kernel and C
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
@@ -89,27 +89,27 @@ class Effort:
 QUICK = Effort({1: 20}, 2, (100,), (1.0, 120.0, 1), ((4000, 60, 1, 0),))
 
 
-def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
+def run(quick: bool = False, report: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
     """Measure everything.
 
     Parameters
     ----------
-    quick : only what shows that everything works; what is left out is null
-    say : told what is being done
+    quick : only a check that everything works; omitted numbers are null
+    report : takes the present stage
     """
-    effort, flight, reasons = QUICK if quick else Effort(), Flight.trmm(), dict[str, str]()
-    say("the kernel against C")
+    effort, flight, reasons = QUICK if quick else Effort(), Flight.load_trmm(), dict[str, str]()
+    report("the kernel against C")
     library = _build_library(reasons)
     growth = [_measure_growth(flight, finer, rounds, library) for finer, rounds in effort.sizes.items()]
-    say("the kernel against a textbook loop and gtsam")
-    ms, apart = _measure_others(flight, effort, reasons)
-    say("starts of fresh processes")
+    report("the kernel against a textbook loop and gtsam")
+    ms, disagreements = _measure_others(flight, effort, reasons)
+    report("starts of fresh processes")
     starts = measure_starts(flight.recording, 1 if quick else START_ROUNDS)
-    say("Monte Carlo cases")
+    report("Monte Carlo cases")
     cases = [run_module("benchmarks.cases", count) for count in effort.cases]
-    say("diagnoses")
-    diagnoses = [run_module("benchmarks.diagnosis", *one) for one in effort.diagnoses]
-    say("the Mission Mode loop")
+    report("diagnoses")
+    diagnoses = [run_module("benchmarks.diagnosis", *diagnose) for diagnose in effort.diagnoses]
+    report("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     cpu_ms = cases[-1]["cpu_ms_per_case_least"] or cases[-1]["cpu_ms_per_case_mean"]
     first, last = growth[0], growth[-1] if len(growth) > 1 else {}
@@ -138,7 +138,7 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
         "mission_loop": mission,
         "growth": {"samples": growth, "cases": cases, "diagnoses": diagnoses},
         "absolute_ms": ms,
-        "agreement": apart,
+        "agreement": disagreements,
         "goals": {
             name: {"value": value, "goal": limit, "met": None if value is None else value <= limit}
             for name, limit in GOALS.items()
@@ -149,23 +149,24 @@ def run(quick: bool = False, say: Callable[[str], None] = lambda text: None) -> 
 
 
 def describe_machine() -> dict[str, Any]:
-    """CPU, cores, versions."""
+    """Describe CPU, cores and versions."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    installed = {one.metadata["Name"]: one.version for one in metadata.distributions()}
+    installed = {package.metadata["Name"]: package.version for package in metadata.distributions()}
     return {
         "cpu": models[0] if models else platform.processor() or platform.machine(),
         "cores": cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "compiler": c_kernel.compiler_version(),
+        "compiler": c_kernel.read_compiler_version(),
         "packages": {name: installed.get(name) for name in (*REPORTED_PACKAGES, "gtsam")},
     }
 
 
 def _build_library(reasons: dict[str, str]) -> ctypes.CDLL | None:
-    with tempfile.TemporaryDirectory() as folder:  # what is loaded outlives its file
+    """Build the C kernel; None without one, with the reason for each number that needs it."""
+    with tempfile.TemporaryDirectory() as folder:  # a loaded library outlives its file
         try:
             return c_kernel.build(Path(folder))
         except RuntimeError as error:
@@ -174,18 +175,19 @@ def _build_library(reasons: dict[str, str]) -> ctypes.CDLL | None:
 
 
 def _measure_growth(flight: Flight, finer: int, rounds: int, library: ctypes.CDLL | None) -> dict[str, Any]:
-    """Kernel, packing and C at so many times the samples."""
-    arcs, parameters = flight.arcs(finer), flight.initial
+    """Measure kernel, packing and C at so many times the samples."""
+    arcs, parameters = flight.build_arcs(finer), flight.initial
     if arcs.is_beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
-    candidates, apart = {}, None
+    candidates, difference = {}, None
     if library is not None:
         call = c_kernel.prepare_call(library, c_kernel.pack(arcs), parameters.G, parameters.bias)
-        apart = disagreement(call(), expected)
-        _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
+        difference = compute_disagreement(call(), expected)
+        _check(f"C at {len(arcs.dt)} samples", difference, AGREEMENT if finer == 1 else LONG_AGREEMENT)
         candidates["c"] = Candidate(call, rounds)
-    _check(f"the first pass over {len(arcs.dt)} samples", disagreement(run_unpacked(arcs, parameters), expected), AGREEMENT)
+    first_pass = compute_disagreement(run_unpacked(arcs, parameters), expected)
+    _check(f"the first pass over {len(arcs.dt)} samples", first_pass, AGREEMENT)
     candidates["kernel"] = Candidate(lambda: run_packed(arcs, parameters), rounds)
     candidates["first_pass"] = Candidate(lambda: run_unpacked(arcs, parameters), rounds)
     ms = interleave(candidates)
@@ -196,35 +198,36 @@ def _measure_growth(flight: Flight, finer: int, rounds: int, library: ctypes.CDL
         "c_ms": c_ms,
         "kernel_vs_c": None if c_ms is None else ms["kernel"] / c_ms,
         "pack_vs_kernel": ms["first_pass"] / ms["kernel"] - 1,
-        "c_disagreement": apart,
+        "c_disagreement": difference,
     }
 
 
 def _measure_others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Times (ms) of the kernel and of the other ways over the same samples, and how far they are apart."""
-    arcs, parameters = flight.arcs(), flight.initial
+    """Measure times (ms) of the kernel and the alternatives over the same samples, and their differences."""
+    arcs, parameters = flight.build_arcs(), flight.initial
     expected = run_packed(arcs, parameters)
-    kept: list[tuple[Any, Any]] = []  # the textbook loop is too slow to run again for its result
+    textbook_results: list[tuple[Any, Any]] = []  # the textbook loop is too slow to run again for its result
     candidates = {
         "kernel": Candidate(lambda: run_packed(arcs, parameters), 10 * effort.slow),
-        "textbook": Candidate(lambda: kept.append(references.propagate_textbook(arcs, parameters)), 1),
+        "textbook": Candidate(lambda: textbook_results.append(references.propagate_textbook(arcs, parameters)), 1),
     }
-    apart = {}
+    differences = {}
     try:
         integrate = references.prepare_gtsam(arcs, parameters)
-        apart["gtsam"] = float(abs(integrate() - expected.R).max())
+        differences["gtsam"] = float(abs(integrate() - expected.R).max())
         candidates["gtsam"] = Candidate(integrate, effort.slow)
     except ImportError:
         reasons["gtsam_vs_kernel"] = "gtsam is not installed"
     ms = interleave(candidates)
-    R, Theta = kept[0]
+    R, Theta = textbook_results[0]
     largest = abs(expected.Theta).max(axis=(0, 1))
-    apart["textbook"] = float(max(abs(R - expected.R).max(), (abs(Theta - expected.Theta) / largest).max()))
-    for name, value in apart.items():
+    differences["textbook"] = float(max(abs(R - expected.R).max(), (abs(Theta - expected.Theta) / largest).max()))
+    for name, value in differences.items():
         _check(name, value, AGREEMENT)
-    return ms, apart
+    return ms, differences
 
 
-def _check(name: str, apart: float, limit: float) -> None:
-    if not apart < limit:
-        raise AssertionError(f"{name} differs from the project's kernel by {apart:.1e}, more than {limit:g}")
+def _check(name: str, difference: float, limit: float) -> None:
+    """Raise `AssertionError` if a candidate differs from the project's kernel."""
+    if not difference < limit:
+        raise AssertionError(f"{name} differs from the project's kernel by {difference:.1e}, more than {limit:g}")

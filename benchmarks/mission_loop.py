@@ -1,7 +1,7 @@
 """The Mission Mode loop, compiled and as plain Python: ``python -m benchmarks.mission_loop SECONDS`` prints time and telemetry.
 
-Both are the same functions, run by numba and, in a process of its own with NUMBA_DISABLE_JIT, by the interpreter: what
-compilation brings, and a check of it, since both must fly the same. They take turns, and the least time of each is kept.
+Both are the same functions, run by numba and, in a separate process with NUMBA_DISABLE_JIT, by the interpreter. This measures
+the gain of compilation and checks it, since both must give the same run. They take turns, and the least time of each is kept.
 """
 
 import json
@@ -19,7 +19,7 @@ DAY = 86400.0
 
 
 def fly(seconds: float) -> tuple[float, MissionRun]:
-    """Wall time, s, and a run of the calibrated configuration with telemetry once a minute."""
+    """Simulate the calibrated configuration with telemetry once a minute; return the wall time, s, and the run."""
     config = MissionConfig(tables=build_period_tables()["postcalibration"])
     start = time.perf_counter()
     run = simulate_mission(config, seconds=seconds, seed=SEED)
@@ -27,7 +27,7 @@ def fly(seconds: float) -> tuple[float, MissionRun]:
 
 
 def run(days: float, plain_seconds: float, rounds: int) -> dict[str, Any]:
-    """Measure both; an `AssertionError` if the two do not fly the same.
+    """Measure both; an `AssertionError` if their telemetry differs.
 
     Parameters
     ----------
@@ -35,22 +35,22 @@ def run(days: float, plain_seconds: float, rounds: int) -> dict[str, Any]:
     plain_seconds : length of the runs that are compared; a run's 4 ms of tables and preparation are in it
     rounds : turns of the comparison
     """
-    fly(1.0)  # compiles, or loads what was compiled
+    fly(1.0)  # compiles, or loads compiled code
     compiled_s, plain_s = float("inf"), float("inf")
     for _ in range(rounds):
         plain = run_module("benchmarks.mission_loop", plain_seconds, NUMBA_DISABLE_JIT="1")
         plain_s = min(plain_s, plain["wall_s"])
-        took, fast = fly(plain_seconds)
-        compiled_s = min(compiled_s, took)
-    apart = float(abs(fast.telemetry.to_numpy() - plain["telemetry"]).max())
-    if not apart < AGREEMENT_DEG:
-        raise AssertionError(f"compiled and plain run differ by {apart:.1e} deg")
+        compiled_wall_s, compiled = fly(plain_seconds)
+        compiled_s = min(compiled_s, compiled_wall_s)
+    difference = float(abs(compiled.telemetry.to_numpy() - plain["telemetry"]).max())
+    if not difference < AGREEMENT_DEG:
+        raise AssertionError(f"compiled and plain run differ by {difference:.1e} deg")
     long_s, _ = fly(days * DAY)
     return {
         "compiled_simulated_s_per_s": days * DAY / long_s,
         "plain_simulated_s_per_s": plain_seconds / plain_s,
         "plain_vs_compiled": plain_s / compiled_s,
-        "difference_deg": apart,
+        "difference_deg": difference,
         "days": days,
         "wall_s": long_s,
         "wall_s_30_days": long_s * 30.0 / days,

@@ -1,4 +1,4 @@
-"""What is measured in fresh processes: their output, their processor time, and their memory."""
+"""Measurements of fresh processes: their output and their processor time."""
 
 import json
 import os
@@ -17,24 +17,24 @@ FOLDER = Path(__file__).parents[1]
 
 
 def run_module(module: str, *arguments: float, **settings: str) -> dict[str, Any]:
-    """Return what a module prints in a fresh process, with settings of its environment."""
+    """Run a module in a fresh process, with settings of its environment, and return the JSON that it prints."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
-    done = subprocess.run(command, cwd=FOLDER, env=os.environ | settings, capture_output=True, text=True, check=True)
-    result: dict[str, Any] = json.loads(done.stdout)
+    process = subprocess.run(command, cwd=FOLDER, env=os.environ | settings, capture_output=True, text=True, check=True)
+    result: dict[str, Any] = json.loads(process.stdout)
     return result
 
 
 def measure_starts(recording: Recording, rounds: int) -> dict[str, float]:
     """Measure processor times in s: `gyrocal calibrate` with nothing compiled, and the least of the others with it compiled."""
-    with tempfile.TemporaryDirectory() as place:
-        gyrocal.save(recording, Path(place, "recording"))
-        calibrate = COMMAND, "calibrate", str(Path(place, "recording"))
-        settings = {"NUMBA_CACHE_DIR": str(Path(place, "cache"))}
-        found = {"calibrate_cold_cpu_s": measure_processor_time(calibrate, settings)}
+    with tempfile.TemporaryDirectory() as folder:
+        gyrocal.save(recording, Path(folder, "recording"))
+        calibrate = COMMAND, "calibrate", str(Path(folder, "recording"))
+        settings = {"NUMBA_CACHE_DIR": str(Path(folder, "cache"))}
+        times = {"calibrate_cold_cpu_s": measure_processor_time(calibrate, settings)}
         calls = {"calibrate_warm": calibrate, "help": (COMMAND, "--help"), "import_gyrocal": ("import gyrocal",)}
         for name, call in calls.items():
-            found[f"{name}_cpu_s"] = min(measure_processor_time(call, settings) for _ in range(rounds))
-    return found
+            times[f"{name}_cpu_s"] = min(measure_processor_time(call, settings) for _ in range(rounds))
+    return times
 
 
 def measure_processor_time(call: tuple[str, ...], settings: dict[str, str]) -> float:

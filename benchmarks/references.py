@@ -12,7 +12,7 @@ SMALL = 1e-4  # rad; below it the closed forms lose digits and two terms of the 
 
 
 def propagate_textbook(arcs: Arcs, parameters: GyroParameters) -> tuple[Array, Array]:
-    """Θ_k = ψ_k F_k + R_k Θ_{k−1} with 3×3 matrices, sample by sample, as N (15), (21)–(28) has it.
+    """Propagate Θ_k = ψ_k F_k + R_k Θ_{k−1} with 3×3 matrices, sample by sample, by N (15), (21)–(28).
 
     Returns
     -------
@@ -26,7 +26,7 @@ def propagate_textbook(arcs: Arcs, parameters: GyroParameters) -> tuple[Array, A
             raw, dt = arcs.raw[k], arcs.dt[k]
             omega = parameters.G @ raw + parameters.bias
             K = np.array([[0, -omega[2], omega[1]], [omega[2], 0, -omega[0]], [-omega[1], omega[0], 0]]) * dt
-            s, c, d = _coefficients(float(np.linalg.norm(omega)) * dt)
+            s, c, d = _compute_series_coefficients(float(np.linalg.norm(omega)) * dt)
             K2 = K @ K
             step, psi = identity - s * K + c * K2, (identity - c * K + d * K2) * dt
             F = np.hstack([np.kron(identity, raw), identity])
@@ -36,17 +36,17 @@ def propagate_textbook(arcs: Arcs, parameters: GyroParameters) -> tuple[Array, A
     return R_out, Theta_out
 
 
-def _coefficients(phi: float) -> tuple[float, float, float]:
-    """sin φ/φ, (1 − cos φ)/φ² and (φ − sin φ)/φ³."""
+def _compute_series_coefficients(phi: float) -> tuple[float, float, float]:
+    """Compute sin φ/φ, (1 − cos φ)/φ² and (φ − sin φ)/φ³."""
     if phi < SMALL:
         return 1 - phi**2 / 6, 0.5 - phi**2 / 24, 1 / 6 - phi**2 / 120
     return sin(phi) / phi, 2 * (sin(phi / 2) / phi) ** 2, (phi - sin(phi)) / phi**3
 
 
 def prepare_gtsam(arcs: Arcs, parameters: GyroParameters) -> Callable[[], Array]:
-    """gtsam's PreintegratedRotation over the arcs, with its bias Jacobian (3 of our 12 columns); ImportError without gtsam.
+    """Prepare gtsam's PreintegratedRotation over the arcs, with its bias Jacobian (3 of our 12 columns).
 
-    Its rates are adjusted beforehand and not timed, since G is none of its business.
+    Its rates are adjusted beforehand and not timed, since it has no G.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What is propagated: the TRMM scenario's six intervals, with noise, at its own sampling and finer."""
+"""The propagated data: the TRMM scenario's six intervals, with noise, at its own sampling and finer."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,14 +21,14 @@ ENTROPY = 1998
 
 @dataclass(frozen=True)
 class Flight:
-    """The scenario with all that its cases share; reference attitudes at the intervals' ends only."""
+    """The scenario with everything that its cases share; reference attitudes at the intervals' ends only."""
 
     scenario: Scenario
     motion: Motion
 
     @classmethod
-    def trmm(cls) -> "Flight":
-        """The built-in TRMM scenario."""
+    def load_trmm(cls) -> "Flight":
+        """Load the built-in TRMM scenario."""
         scenario = scenarios.load("trmm")
         return cls(scenario, motion(scenario))
 
@@ -45,7 +45,7 @@ class Flight:
 
     @cached_property
     def initial(self) -> GyroParameters:
-        """What a calibration starts from."""
+        """Parameters that a calibration starts from."""
         return GyroParameters(self.recording.gyro.apriori_G, self.recording.gyro.apriori_bias)
 
     @cached_property
@@ -53,8 +53,8 @@ class Flight:
         """Case 0, prepared."""
         return Problem.build(self.recording, prepare_measurements(self.recording))
 
-    def arcs(self, finer: int = 1) -> Arcs:
-        """The steps of case 0, each cut into so many equal ones: the same motion from `finer` times as many samples."""
+    def build_arcs(self, finer: int = 1) -> Arcs:
+        """Build the steps of case 0, each cut into equal ones: the same motion from `finer` times as many samples."""
         arcs = self.problem.measurements.arcs
         return Arcs(
             rates=np.repeat(arcs.raw, finer, axis=0),
@@ -67,17 +67,17 @@ class Flight:
 
 
 def run_packed(arcs: Arcs, parameters: GyroParameters) -> Propagation:
-    """The project's kernel on increments that are packed already (they are kept once asked for)."""
+    """Run the project's kernel on packed increments, which are kept after the first use."""
     options = (arcs.ends, arcs.last, arcs.arc, parameters.G, parameters.bias, False, False)
     return Propagation(*propagate_packed(arcs.increments, *options))
 
 
 def run_unpacked(arcs: Arcs, parameters: GyroParameters) -> Propagation:
-    """The first pass over a recording's own rows: the same, and what packing adds to it."""
+    """Run the first pass over a recording's own rows: the kernel, and the packing of increments."""
     return propagate(arcs.replace_rates(arcs.rates), parameters.G, parameters.bias)
 
 
-def disagreement(result: Propagation, expected: Propagation) -> float:
-    """Largest difference in R, and in the sums of any regressor, relative to the largest of its kind."""
+def compute_disagreement(result: Propagation, expected: Propagation) -> float:
+    """Compute the largest difference in R, and in the sums of any regressor, relative to the largest of its kind."""
     sums = np.abs(result.S - expected.S).max(axis=(0, 2, 3)) / np.abs(expected.S).max(axis=(0, 2, 3))
     return float(max(np.abs(result.R - expected.R).max(), sums.max()))

@@ -1,8 +1,8 @@
-"""A baseline: recordings and studies with the values that they gave, described by one TOML file, for CI to compare with.
+"""A baseline: recordings and studies with their stored values, described by one TOML file, for comparisons in CI.
 
-A recording is calibrated as ``gyrocal calibrate`` does, and its parameters move by sigmas (`gyrocal.calibration.change`). The
-rows of a study are the same wherever it runs, and its values move relatively: in absolute terms a bias of 1e-7 rad/s could
-change unseen. The values stand in the folder ``expected`` beside the file.
+A recording is calibrated as by ``gyrocal calibrate``; changes of its parameters are in sigmas (`gyrocal.calibration.change`).
+The rows of a study are the same on every backend, and changes of its values are relative: an absolute limit could miss a bias
+of 1e-7 rad/s. The stored values are in the folder ``expected`` beside the file.
 """
 
 from collections.abc import Mapping
@@ -52,12 +52,13 @@ class RecordingEntry(_Document):
         calibrate_to_json(folder / self.path, self.settings, out)
 
     def compare(self, stored: Path, new: Path) -> tuple[list[Verdict], pd.DataFrame]:
-        """Compare two results: a verdict a limit, and what moved."""
+        """Compare two results: a verdict a limit, and a table of the limits that are not kept."""
         old, now = read_calibration(stored), read_calibration(new)
         same = old.recording_sha256 == now.recording_sha256
         change = compute_change(old.parameters, old.covariance, now.parameters, now.covariance, same)
         verdicts = check_limits(change, self.max_sigma, self.max_change)
-        return verdicts, pd.DataFrame([{"limit": one.name, "change": one.failure} for one in verdicts if one.failure])
+        moved = [{"limit": verdict.name, "change": verdict.failure} for verdict in verdicts if verdict.failure]
+        return verdicts, pd.DataFrame(moved)
 
 
 class StudyEntry(_Document):
@@ -79,7 +80,7 @@ class StudyEntry(_Document):
         write_csv(out, rows, DIGITS)
 
     def compare(self, stored: Path, new: Path) -> tuple[list[Verdict], pd.DataFrame]:
-        """Compare two sets of rows: a verdict a column, and what moved."""
+        """Compare two sets of rows: a verdict a column, and a table of moved values."""
         moved = find_changed_values(read_rows(stored), read_rows(new), self.limits)
         counts = moved["quantity"].value_counts()
         names = dict.fromkeys([*read_rows(new), *counts.index])
@@ -87,7 +88,7 @@ class StudyEntry(_Document):
 
 
 class Baseline(_Document):
-    """What a file describes, by name."""
+    """The entries of a file, by name."""
 
     recordings: dict[Name, RecordingEntry] = {}
     studies: dict[Name, StudyEntry] = {}
@@ -95,7 +96,7 @@ class Baseline(_Document):
 
 @dataclass(frozen=True)
 class Comparison:
-    """An entry of a baseline against its stored values: the verdicts on its limits, and a table of what moved."""
+    """An entry of a baseline against its stored values: the verdicts on its limits, and a table of moved values."""
 
     name: str
     verdicts: list[Verdict]
@@ -103,19 +104,19 @@ class Comparison:
 
 
 def compare_baseline(path: Path, write: bool = False) -> list[Comparison]:
-    """Compute all entries of a baseline and compare them with the stored values, which are replaced if told to.
+    """Compute all entries of a baseline and compare them with the stored values, which `write` replaces.
 
     `InputError` if the file describes no baseline, has no stored values, or an entry cannot be computed.
     """
     try:
-        found = Baseline.model_validate(read_toml(path))
+        baseline = Baseline.model_validate(read_toml(path))
     except ValidationError as error:
         raise InputError(f"{path}: {format_validation_error(error, Baseline)}") from None
-    entries: dict[tuple[str, str], Any] = {("recordings", name): entry for name, entry in found.recordings.items()}
-    entries |= {("studies", name): entry for name, entry in found.studies.items()}
+    entries: dict[tuple[str, str], Any] = {("recordings", name): entry for name, entry in baseline.recordings.items()}
+    entries |= {("studies", name): entry for name, entry in baseline.studies.items()}
     if not entries:
         raise InputError(f"{path}: describes nothing; give [recordings.NAME] or [studies.NAME] with a path, see docs/ci.md")
-    out = []
+    comparisons = []
     for (kind, name), entry in entries.items():
         stored = path.parent / "expected" / f"{name}{'.json' if kind == 'recordings' else '.csv'}"
         if not (stored.exists() or write):
@@ -126,17 +127,17 @@ def compare_baseline(path: Path, write: bool = False) -> list[Comparison]:
                 entry.compute(path.parent, new)
             except (InputError, click.UsageError) as error:
                 raise InputError(f"{path}: {kind}.{name}: {error}") from None
-            out.append(Comparison(f"{kind}.{name}", *entry.compare(stored if stored.exists() else new, new)))
+            comparisons.append(Comparison(f"{kind}.{name}", *entry.compare(stored if stored.exists() else new, new)))
             if write:
                 write_bytes(stored, new.read_bytes())
-    return out
+    return comparisons
 
 
 def calibrate_to_json(recording: Path, settings: Mapping[str, Any], out: Path) -> None:
     """Calibrate a recording by ``gyrocal calibrate``, with options by their names, and write its JSON."""
-    words = [word for key, value in settings.items() for word in (f"--{key.replace('_', '-')}", str(value))]
+    options = [word for key, value in settings.items() for word in (f"--{key.replace('_', '-')}", str(value))]
     with redirect_stdout(StringIO()):
-        calibrate_command.main([str(recording), *words, "--json", str(out)], standalone_mode=False)
+        calibrate_command.main([str(recording), *options, "--json", str(out)], standalone_mode=False)
 
 
 def read_rows(path: Path) -> pd.DataFrame:
@@ -148,17 +149,17 @@ def read_rows(path: Path) -> pd.DataFrame:
 
 
 def find_changed_values(old: pd.DataFrame, new: pd.DataFrame, limits: Mapping[str, float] | None = None) -> pd.DataFrame:
-    """Values that differ by more than their column's limit, by default RTOL of themselves, the largest change first."""
+    """Find values that differ by more than their column's limit, by default relative RTOL, the largest change first."""
     if list(old.columns) != list(new.columns) or len(old) != len(new):
         return pd.DataFrame({"quantity": ["rows or columns"], "old": [str(old.shape)], "new": [str(new.shape)]})
-    numbers = [set(one.select_dtypes("number")) for one in (old, new)]
-    labels = new[[name for name in new if name == "case" or not (name in numbers[1] or new[name].isna().all())]]
+    numeric_columns = [set(table.select_dtypes("number")) for table in (old, new)]
+    labels = new[[name for name in new if name == "case" or not (name in numeric_columns[1] or new[name].isna().all())]]
     parts = []
     for name in new:
         before, after = old[name], new[name]
         relative: Any = np.nan
         same = (before == after) | (before.isna() & after.isna())
-        if name in numbers[0] & numbers[1]:
+        if name in numeric_columns[0] & numeric_columns[1]:
             change = (after - before).abs()
             relative = change / before.abs()
             same |= change <= (limits or {}).get(str(name), RTOL * before.abs())

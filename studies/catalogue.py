@@ -43,48 +43,48 @@ OWN_MODULES = MODULES | {"recovered": "validation.recovered"}  # with the study 
 
 
 def find_entry(name: str) -> Entry:
-    """The study of a name, or of a file with a STUDY in it.
+    """Find the study of a name, or of a file with a STUDY in it.
 
-    An `InputError` if there is none of that name, or it cannot be loaded; the file holds no study.
+    Raises `InputError` if there is none of that name, if it cannot be loaded, or if the file holds no study.
     """
     if is_file(name):
         return load_study_file(Path(name))
     if name not in OWN_MODULES:
         raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
     try:
-        found: Entry = importlib.import_module(f"studies.{OWN_MODULES[name]}").ENTRY
+        entry: Entry = importlib.import_module(f"studies.{OWN_MODULES[name]}").ENTRY
     except ImportError as error:
         raise InputError(f"study {name} cannot be loaded: {error}") from error
-    return found
+    return entry
 
 
 def is_file(name: str) -> bool:
-    """Whether a name is the path of a file."""
+    """Check whether a name is the path of a file."""
     return name.endswith(".py") or "/" in name
 
 
 def load_study_file(path: Path) -> Entry:
-    """The ENTRY of a file, or its STUDY with a report on all columns; the file is imported as a module of its name.
+    """Load the ENTRY of a file, or its STUDY with a report on all columns, as a module of its name.
 
-    An `InputError` if it cannot be imported, holds no study, or a study of another name.
+    Raises `InputError` if it cannot be imported, or holds no study or a study of another name.
     """
     from studies.montecarlo.study import Study
     from studies.report.entry import Entry, report_columns
 
     module = _import_file(path)
-    found = getattr(module, "ENTRY", None)
-    study = getattr(module, "STUDY", None) if found is None else found.study
+    entry = getattr(module, "ENTRY", None)
+    study = getattr(module, "STUDY", None) if entry is None else entry.study
     if not isinstance(study, Study):
         raise InputError(f"{path}: has no STUDY; see docs/studies.md for an example")
-    where, _, attribute = study.name.partition(":")
-    if where != path.stem or getattr(module, attribute, None) != study:
+    module_name, _, attribute = study.name.partition(":")
+    if module_name != path.stem or getattr(module, attribute, None) != study:
         raise InputError(f'{path}: its STUDY is called {study.name!r}; call it "{path.stem}:STUDY"')
-    described = (module.__doc__ or path.stem).strip().splitlines()[0]
-    return found if isinstance(found, Entry) else Entry(study, described, report_columns)
+    summary = (module.__doc__ or path.stem).strip().splitlines()[0]
+    return entry if isinstance(entry, Entry) else Entry(study, summary, report_columns)
 
 
 def _import_file(path: Path) -> ModuleType:
-    """A file as the module of its name; its folder is where Python looks last, also for what stands beside it."""
+    """Import a file as the module of its name; its folder is appended to Python's path, for modules beside it."""
     name, folder = path.stem, str(path.resolve().parent)
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -94,16 +94,16 @@ def _import_file(path: Path) -> ModuleType:
         sys.path.append(folder)
     importlib.invalidate_caches()
     try:
-        place = importlib.util.find_spec(name)
-        if place is None or place.origin is None or Path(place.origin).resolve() != path.resolve():
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.origin is None or Path(spec.origin).resolve() != path.resolve():
             raise InputError(f"{path}: another module is called {name}; give the file another name")
         return importlib.import_module(name)
     except InputError:
         raise
-    except (Exception, SystemExit) as error:  # whatever the file does
+    except (Exception, SystemExit) as error:  # the file may run any code
         lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename).stem == name]
-        where = f"{path}, line {lines[-1]}" if lines else str(path)
-        raise InputError(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
+        place = f"{path}, line {lines[-1]}" if lines else str(path)
+        raise InputError(f"{place}: {type(error).__name__}: {' '.join(str(error).split())}") from None
 
 
 def describe_study(name: str) -> str:
@@ -124,11 +124,11 @@ def run(
     requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
-    """Run a study to its end, or resume the part of it in the folder, and write and show its report.
+    """Run a study to its end, or resume the one in the folder, and write and show its report.
 
-    Changes are settings by dotted path, over those of the file config. Options are how and where it runs, as of `engine.run`.
+    Changes are settings by dotted path, which replace those of the file config. Options are those of `engine.run`.
     """
-    chosen = find_entry(name)
+    study_entry = find_entry(name)
 
     from studies.montecarlo import engine
     from studies.montecarlo.criteria import check_independent
@@ -136,56 +136,56 @@ def run(
     from studies.montecarlo.study import load_config
     from studies.report import entry as report
 
-    settings = load_config(chosen.study, config, changes)
+    settings = load_config(study_entry.study, config, changes)
     if requirements:
         check_independent(settings, "--require")
     name = Path(name).stem
-    outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
+    outcome = engine.run(study_entry.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
     answers = [requirement.judge(outcome.load()) for requirement in requirements]
     if answers:
         outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
-    made = build_report(chosen, settings.model_copy(update={"cases": outcome.cases}), outcome, answers)
-    report.write(made, f"Study {name}: {chosen.summary}", folder)
+    result = build_report(study_entry, settings.model_copy(update={"cases": outcome.cases}), outcome, answers)
+    report.write(result, f"Study {name}: {study_entry.summary}", folder)
     write_manifest(folder, outcome.manifest)
-    report.show(made, console)
+    report.show(result, console)
     if junit:
-        write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *list_run_verdicts(outcome)])
+        write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(result.checks), *list_run_verdicts(outcome)])
     return outcome
 
 
-def build_report(chosen: Entry, settings: Any, outcome: engine.Outcome, answers: Sequence[Answer]) -> Report:
+def build_report(study_entry: Entry, settings: Any, outcome: engine.Outcome, answers: Sequence[Answer]) -> Report:
     """Build the report on the good rows of a run, with the answers to its requirements first and tolerance intervals last."""
     from studies.montecarlo.criteria import draws_independently
     from studies.report.checks import check_requirements
     from studies.report.entry import build_tolerance_table
 
     rows = outcome.load()
-    good = rows[rows["error"] == ""].reset_index(drop=True)
-    if good.empty:
+    good_rows = rows[rows["error"] == ""].reset_index(drop=True)
+    if good_rows.empty:
         raise InputError(
             f"{outcome.folder}: every case failed, the first one with {rows['error'].iloc[0]}; {outcome.folder}/failures has "
             "the tracebacks, and --retry-failed runs the cases again"
         )
     try:
-        made = chosen.report(settings, good)
+        result = study_entry.report(settings, good_rows)
     except Exception as error:
         error.add_note(
             f"The report failed; {outcome.table} has the rows. The same command makes the report again; "
             "after a change of the source code choose another --out."
         )
         raise
-    is_row_a_case = good["case"].is_unique and len(good) >= FEWEST_TOLERANCE_CASES
+    is_row_a_case = good_rows["case"].is_unique and len(good_rows) >= FEWEST_TOLERANCE_CASES
     has_intervals = is_row_a_case and draws_independently(settings)
     return replace(
-        made,
-        tables={**made.tables, **({"tolerance": build_tolerance_table(good)} if has_intervals else {})},
-        checks=(*check_requirements(answers), *made.checks),
-        findings=(*map(str, answers), *made.findings),
+        result,
+        tables={**result.tables, **({"tolerance": build_tolerance_table(good_rows)} if has_intervals else {})},
+        checks=(*check_requirements(answers), *result.checks),
+        findings=(*map(str, answers), *result.findings),
     )
 
 
 def list_run_verdicts(outcome: engine.Outcome) -> list[Verdict]:
-    """Failed cases and the criterion of --until as verdicts."""
+    """List failed cases and the criterion of --until as verdicts."""
     verdicts = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
     if until := outcome.manifest.get("until"):
         verdicts.append(Verdict(until["asked"], "" if until["met"] else f"{until['half_width']:.3g} {until['values']}"))
@@ -199,5 +199,5 @@ def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config
     from studies.montecarlo import engine
     from studies.montecarlo.study import load_config
 
-    found = None if changes or config else engine.load_stored_config(study, folder)
-    return engine.rerun(study, found or load_config(study, config, changes), case, folder)
+    stored_config = None if changes or config else engine.load_stored_config(study, folder)
+    return engine.rerun(study, stored_config or load_config(study, config, changes), case, folder)

@@ -34,7 +34,7 @@ VERDICT_MEANINGS = {
     "open": "the reproduction does not decide the claim.",
 }
 RUNG_NAMES = {
-    "landed": "as landed",
+    "landed": "level boresights, printed coefficients",
     "ground batch": "accuracy against the ground batch",
     "boresight_elevation": "boresights raised by 29.4°",
     "computed coefficients": "computed sensor coefficients",
@@ -62,27 +62,29 @@ PAPERS = {
 }
 
 
-def build_index_page(folders: Mapping[str, Path], studies: Path, made: ProvenanceFooter | None = None) -> str:
+def build_index_page(folders: Mapping[str, Path], studies: Path, provenance: ProvenanceFooter | None = None) -> str:
     """Build the whole page from the folders of both papers' and of the studies' results; a paper without any is left out."""
-    found = {
-        name: PaperResults(results, studies) for name, folder in folders.items() if (results := committed_results.read(folder))
+    papers = {
+        name: PaperResults(reproduction, studies)
+        for name, folder in folders.items()
+        if (reproduction := committed_results.read(folder))
     }
-    answer, pictures = _build_first_screen(found)
+    answer, pictures = _build_first_screen(papers)
     sections = [Section("", [pictures])]
-    for name, one in found.items():
-        sections += _build_paper_sections(PAPERS[name], one)
-    if found:
+    for name, results in papers.items():
+        sections += _build_paper_sections(PAPERS[name], results)
+    if papers:
         meanings = [f"{verdict}: {meaning}" for verdict, meaning in VERDICT_MEANINGS.items()]
         sections.append(Section("Claims", [meanings]))
-    sections += [_build_claim_section(PAPERS[name], one) for name, one in found.items()]
-    return Page(TITLE, sections, answer, made).render_html()
+    sections += [_build_claim_section(PAPERS[name], results) for name, results in papers.items()]
+    return Page(TITLE, sections, answer, provenance).render_html()
 
 
-def _build_first_screen(found: Mapping[str, PaperResults]) -> tuple[Answer | None, list[Picture]]:
-    """Simulated against flown numbers of both papers; nothing if a run has not simulated both."""
+def _build_first_screen(papers: Mapping[str, PaperResults]) -> tuple[Answer | None, list[Picture]]:
+    """Build the answer and its pictures, simulated against flown; nothing unless both papers are simulated."""
     try:
-        gap, rungs = found["natanson"].table("flight_gap"), found["robertson"].table("ladder")
-        clean, rms = (found["natanson"][name] for name in ("clean_gap_rms_deg.assumed", "flight_gap_rms_deg.flight_rms"))
+        gap, rungs = papers["natanson"].table("flight_gap"), papers["robertson"].table("ladder")
+        clean, rms = (papers["natanson"][name] for name in ("clean_gap_rms_deg.assumed", "flight_gap_rms_deg.flight_rms"))
     except KeyError:
         return None, []
     first, last = rungs["factor_unfitted"].iloc[[0, -1]]
@@ -123,17 +125,17 @@ def draw_factors(rungs: pd.DataFrame) -> Figure:
     return draw_panels(make_forest(names, rungs["factor_unfitted"], ranges, at=[1.0], x="RMS factor"), size=(4.6, 3.6))
 
 
-def _build_paper_sections(paper: Paper, found: PaperResults) -> Iterator[Section]:
-    """Every table of a paper beside the flight's values, and every figure."""
-    folder = found.results.folder
+def _build_paper_sections(paper: Paper, results: PaperResults) -> Iterator[Section]:
+    """Build the sections of a paper: every table beside the flight's values, and every figure."""
+    folder = results.reproduction.folder
     yield Section(paper.title, [SmallParagraph(describe_origin(folder))])
     try:
-        tables = paper.build_tables(found.results.tables)
+        tables = paper.build_tables(results.reproduction.tables)
     except KeyError:
         tables = []
     for title, parts in groupby(tables, lambda table: table.title.partition(", Δt")[0]):
-        own = list(parts)
-        yield Section(title, [own[0].note, [_build_page_table(table) for table in own]], 3)
+        steps = list(parts)
+        yield Section(title, [steps[0].note, [_build_page_table(table) for table in steps]], 3)
     for name, title in paper.figures.items():
         path = folder / f"{name}.svg"
         if path.is_file():
@@ -141,7 +143,7 @@ def _build_paper_sections(paper: Paper, found: PaperResults) -> Iterator[Section
 
 
 def _build_page_table(table: Table) -> PageTable:
-    """A table, with its step as the heading of its first column."""
+    """Build a table whose first heading is the step."""
     step = table.title.partition(", ")[2] if "Δt" in table.title else "number"
     return PageTable(table.data.rename(columns={"number": step}), label=table.title)
 
@@ -151,19 +153,19 @@ def describe_origin(folder: Path) -> str:
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     commit = manifest.get("commit") or "unknown"
-    shown = f"{commit[:12]}{commit[40:]}"  # what follows the forty digits says whether there were changes
-    return f"{manifest.get('command', '')}, commit {shown}; {folder.name}/manifest.json has the hash of each file."
+    short_commit = f"{commit[:12]}{commit[40:]}"  # "+changes" follows the forty digits of an unclean source
+    return f"{manifest.get('command', '')}, commit {short_commit}; {folder.name}/manifest.json has the hash of each file."
 
 
-def _build_claim_section(paper: Paper, found: PaperResults) -> Section:
-    """Each claim with its verdict and what was found."""
-    judged = judge_claims(paper.claims, found)
-    counts = {verdict: sum(one.verdict == verdict for one in judged) for verdict in VERDICT_STYLES}
+def _build_claim_section(paper: Paper, results: PaperResults) -> Section:
+    """Build the section of the claims with their verdicts and findings."""
+    judged = judge_claims(paper.claims, results)
+    counts = {verdict: sum(judgement.verdict == verdict for judgement in judged) for verdict in VERDICT_STYLES}
     count = f"{len(judged)} claims; {'; '.join(f'{verdict}: {number}' for verdict, number in counts.items() if number)}."
     answers: Item = {
-        f"{one.claim.where}: {one.claim.text}": Markup('<span class="{}">{}.</span> {}').format(
-            VERDICT_STYLES[one.verdict], one.verdict.capitalize(), one.found
+        f"{judgement.claim.where}: {judgement.claim.text}": Markup('<span class="{}">{}.</span> {}').format(
+            VERDICT_STYLES[judgement.verdict], judgement.verdict.capitalize(), judgement.finding
         )
-        for one in judged
+        for judgement in judged
     }
     return Section(f"Claims of {paper.title}", [count, answers], 3, make_slug(f"claims {paper.title}"))

@@ -1,4 +1,4 @@
-"""The peak memory of this process; only Linux tells that of this program alone, and counts it anew."""
+"""The peak memory of this process; only Linux reports that of this program alone, and can reset it."""
 
 import resource
 import sys
@@ -6,13 +6,13 @@ from pathlib import Path
 
 
 def reset_peak_memory() -> None:
-    """Let the system count the peak memory anew."""
-    if (place := Path("/proc/self/clear_refs")).exists():
-        place.write_text("5")
+    """Reset the system's record of the peak memory."""
+    if (path := Path("/proc/self/clear_refs")).exists():
+        path.write_text("5")
 
 
 def read_peak_memory_mb() -> float:
-    """Largest resident memory of this process, MB; ru_maxrss starts from the parent's, which exec does not reset."""
+    """Read the largest resident memory of this process, MB; ru_maxrss includes the parent's, which exec keeps."""
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     peaks = [float(line.split()[1]) for line in lines if line.startswith("VmHWM")]

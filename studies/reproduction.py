@@ -1,4 +1,4 @@
-"""The reproduction of a paper: a study's rows, tables and figures beside the flight's values, one page of them, a summary."""
+"""The reproduction of a paper: a study's rows, tables and figures with the flight's values, a page of them, and a summary."""
 
 import json
 import shutil
@@ -30,14 +30,14 @@ def call_all(calls: Sequence[Callable[[], T]], jobs: int) -> list[T]:
     """Make independent calls of functions that a worker can import, in worker processes if there are several."""
     call: Any = _call  # in place of the function that runs the cases of a study
     numbered: Any = enumerate(calls)  # in place of the tasks of a study
-    found: dict[int, Any] = {}
+    results: dict[int, Any] = {}
     with open_backend("loky" if jobs > 1 else "serial", call, jobs) as workers:
-        ended: Iterator[Any] = workers.results(numbered)
-        for (place, _), result in ended:
-            found[place] = result
-    if any(result is None for result in found.values()):
+        finished: Iterator[Any] = workers.results(numbered)
+        for (index, _), result in finished:
+            results[index] = result
+    if any(result is None for result in results.values()):
         raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
-    return [found[place] for place in range(len(calls))]
+    return [results[index] for index in range(len(calls))]
 
 
 def _call(task: tuple[int, Callable[[], T]]) -> T:
@@ -47,20 +47,20 @@ def _call(task: tuple[int, Callable[[], T]]) -> T:
 def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
     """Return the folder of a study whose rows are not kept, inside the folder of its output.
 
-    Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
+    Each configuration, source code and machine has its own, so that unfinished rows of another one cannot interfere.
     """
-    made = [hash_config(study, resolve_config(config)), describe_provenance(study)]
-    return folder / WORK / hash_bytes(json.dumps(made, sort_keys=True).encode())[:12]
+    identity = [hash_config(study, resolve_config(config)), describe_provenance(study)]
+    return folder / WORK / hash_bytes(json.dumps(identity, sort_keys=True).encode())[:12]
 
 
 @dataclass
 class Reproduction:
-    """What a reproduction gathers on its way."""
+    """Tables, figures and summary that a reproduction collects."""
 
     console: Console  # for progress and the tables that are shown
     jobs: int = 1  # worker processes; the results do not depend on it
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)  # by the names of their CSV files
-    figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)  # titles, and what draws them, by file names
+    figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)  # titles and drawing functions, by file names
     summary: dict[str, Any] = field(default_factory=dict)  # for ``summary.json``
     begun: float = field(default_factory=time.monotonic)  # when, s
 
@@ -74,7 +74,7 @@ class Reproduction:
         return outcome
 
     def publish(
-        self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table], **about: Any
+        self, outcome: engine.Outcome, folder: Path, page: str, head: Sequence[str], page_tables: Sequence[Table], **about: Any
     ) -> None:
         """Write tables, figures, the summary, the page of head, shown tables and figures, and the manifest; show the tables.
 
@@ -82,14 +82,14 @@ class Reproduction:
         """
         for name, data in self.tables.items():
             write_csv(folder / f"{name}.csv", data, SIGNIFICANT_DIGITS)
-        drawn: list[str] = []
+        figure_lines: list[str] = []
         for name, (title, draw) in self.figures.items():
             draw(folder / f"{name}.svg")
-            drawn += [f"## {title}", "", f"![{title}]({name}.svg)", ""]
-        sections = [render.format_markdown(table.title, table.data, table.note) for table in shown]
-        write_text(folder / page, "\n".join([*head, *sections, *drawn]))
+            figure_lines += [f"## {title}", "", f"![{title}]({name}.svg)", ""]
+        sections = [render.format_markdown(table.title, table.data, table.note) for table in page_tables]
+        write_text(folder / page, "\n".join([*head, *sections, *figure_lines]))
         write_json(folder / "summary.json", self.summary)
-        for table in shown:
+        for table in page_tables:
             render.print_table(self.console, table.title, table.data, table.note)
         wall_s = round(time.monotonic() - self.begun, 2)
         write_manifest(folder, outcome.manifest | about | {"wall_s": wall_s})

@@ -1,6 +1,6 @@
-"""Overlapping Allan deviation of a rate, and how far it scatters.
+"""Overlapping Allan deviation of a rate, and its covariance.
 
-With θ_k the angle that samples of length τ₀ add up to, and averages over τ = m τ₀,
+With θ_k the angle summed over samples of length τ₀, and averages over τ = m τ₀,
 
     σ²(τ) = 1/(2 τ² M) Σ_k z_k²,    z_k = θ_{k+2m} − 2 θ_{k+m} + θ_k,
 
@@ -42,7 +42,7 @@ class Deviation:
     sample_s: float  # length of a sample, s
     factors: Indices  # (t,) samples in an average, m
     variance: Array  # (t,) overlapping Allan variance, in the square of the rate's unit
-    counts: Indices  # (t,) differences it rests on
+    counts: Indices  # (t,) number of differences
     lengths: tuple[int, ...]  # samples of each stretch
 
     @property
@@ -56,7 +56,7 @@ class Deviation:
         return np.sqrt(self.variance)
 
     def band(self, degrees: Array, confidence: float = 0.95) -> tuple[Array, Array]:
-        """Confidence limits of the deviation, (t,) each, from equivalent degrees of freedom (t,): ν σ̂²/χ²(ν)."""
+        """Compute confidence limits of the deviation, (t,) each, from equivalent degrees of freedom (t,): ν σ̂²/χ²(ν)."""
         tail = 0.5 * (1 - confidence)
         low, high = scipy.special.chdtri(degrees, tail), scipy.special.chdtri(degrees, 1 - tail)
         return np.sqrt(degrees * self.variance / low), np.sqrt(degrees * self.variance / high)
@@ -65,13 +65,13 @@ class Deviation:
 def overlapping_allan_deviation(
     parts: Sequence[Array], sample_s: float, factors: Sequence[int] | Indices | None = None
 ) -> Deviation:
-    """Overlapping Allan deviation of some stretches of samples.
+    """Compute the overlapping Allan deviation of some stretches of samples.
 
-    An `InputError` if no stretch is long enough for a factor.
+    Raises `InputError` if no stretch is long enough for a factor.
 
     Parameters
     ----------
-    parts : (n,) each: rates of samples that follow one another without a hole
+    parts : (n,) each: rates of consecutive samples
     sample_s : length of a sample, s
     factors : samples in an average; octaves by default
     """
@@ -83,49 +83,50 @@ def overlapping_allan_deviation(
         )
     if factors is None:  # 1, 2, 4 … of which the longest stretch holds at least m differences
         factors = 2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1)
-    chosen = np.asarray(factors, dtype=np.intp)
-    if chosen.size == 0 or chosen.min() < 1 or 2 * chosen.max() > longest:
+    averages = np.asarray(factors, dtype=np.intp)
+    if averages.size == 0 or averages.min() < 1 or 2 * averages.max() > longest:
         raise InputError(f"Allan deviation: averaging factors must be from 1 to {longest // 2}, half the longest stretch")
-    total, counts = np.zeros(chosen.size), np.zeros(chosen.size, dtype=np.intp)
+    total, counts = np.zeros(averages.size), np.zeros(averages.size, dtype=np.intp)
     for part in parts:
-        # Without its mean the sum stays small, and loses no digits.
+        # Without the mean the sum stays small and keeps its digits.
         angle = np.append(0.0, np.cumsum(np.asarray(part, dtype=float) - np.mean(part)))
-        for place, m in enumerate(chosen):
+        for k, m in enumerate(averages):
             if angle.size <= 2 * m:
                 continue
             z = angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m]
-            total[place] += z @ z
-            counts[place] += z.size
-    return Deviation(sample_s, chosen, total / (2.0 * counts * chosen.astype(float) ** 2), counts, lengths)
+            total[k] += z @ z
+            counts[k] += z.size
+    return Deviation(sample_s, averages, total / (2.0 * counts * averages.astype(float) ** 2), counts, lengths)
 
 
-def estimate_covariance(found: Deviation, squares: Mapping[str, float]) -> Array:
-    """Covariance (t, t) of the Allan variances of `found`, by the square of the coefficient of each term that is there."""
-    factors = [int(m) for m in found.factors]
-    ramp, white = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2, squares.get(ANGLE_WHITE, 0.0)
-    kappa = _build_coloured_covariance(squares, found.sample_s)
-    out = np.zeros((len(factors), len(factors)))
+def estimate_covariance(deviation: Deviation, squares: Mapping[str, float]) -> Array:
+    """Estimate the covariance (t, t) of the Allan variances under some terms, by the square of each coefficient."""
+    factors = [int(m) for m in deviation.factors]
+    ramp, white = np.sqrt(squares.get(RAMP, 0.0)) * deviation.tau_s**2, squares.get(ANGLE_WHITE, 0.0)
+    kappa = _build_coloured_covariance(squares, deviation.sample_s)
+    covariance = np.zeros((len(factors), len(factors)))
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
-            # Lags i − j at which c_ab is summed, and the number of pairs that each stands for.
+            # Lags i − j at which c_ab is summed; each represents `step` lags.
             step = max(1, b // FINE_AVERAGE_STEPS)
-            furthest = min(REACH * a, max(found.lengths)) // step
-            lags = step * np.arange(-furthest, furthest + 1)
-            c, trend = _smooth(lags, a, b, kappa), 4 * ramp[i] * ramp[j]
-            total = step * _count_pairs(lags, a, b, found.lengths) @ (2 * c**2 + trend * c)
+            reach = min(REACH * a, max(deviation.lengths)) // step
+            lags = step * np.arange(-reach, reach + 1)
+            c, trend = _compute_difference_covariance(lags, a, b, kappa), 4 * ramp[i] * ramp[j]
+            total = step * _count_pairs(lags, a, b, deviation.lengths) @ (2 * c**2 + trend * c)
             if white:
-                single = _compute_white_weights(a, b)
-                place = np.array(sorted(single), dtype=np.intp)
-                own = white * np.array([single[int(k)] for k in place])
-                c = _smooth(place, a, b, kappa)
-                total += _count_pairs(place, a, b, found.lengths) @ (4 * c * own + 2 * own**2 + trend * own)
-            scale = 4.0 * found.counts[i] * found.counts[j] * found.tau_s[i] ** 2 * found.tau_s[j] ** 2
-            out[i, j] = out[j, i] = total / scale
-    return out
+                white_weights = _compute_white_covariance(a, b)
+                white_lags = np.array(sorted(white_weights), dtype=np.intp)
+                w = white * np.array([white_weights[int(k)] for k in white_lags])
+                c = _compute_difference_covariance(white_lags, a, b, kappa)
+                # 2 (c + w)² + trend (c + w) minus the terms without w, which are summed above.
+                total += _count_pairs(white_lags, a, b, deviation.lengths) @ (4 * c * w + 2 * w**2 + trend * w)
+            scale = 4.0 * deviation.counts[i] * deviation.counts[j] * deviation.tau_s[i] ** 2 * deviation.tau_s[j] ** 2
+            covariance[i, j] = covariance[j, i] = total / scale
+    return covariance
 
 
 def _build_coloured_covariance(squares: Mapping[str, float], sample_s: float) -> Callable[[Indices], Array]:
-    """κ of all terms but angle white noise and the ramp, as a function of lags in samples."""
+    """Build κ of all terms but angle white noise and the ramp, as a function of lags in samples."""
     coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
 
     def compute_kappa(lags: Indices) -> Array:
@@ -137,7 +138,7 @@ def _build_coloured_covariance(squares: Mapping[str, float], sample_s: float) ->
 
 
 def _count_pairs(lags: Indices, a: int, b: int, lengths: tuple[int, ...]) -> Array:
-    """Number of pairs of differences (i over a, j over b) of one stretch with i − j = lag, all stretches together."""
+    """Count the pairs of differences (i over a, j over b) of one stretch with i − j = lag, over all stretches."""
     total = np.zeros(len(lags))
     for n in lengths:
         first, second = n + 1 - 2 * a, n + 1 - 2 * b
@@ -146,24 +147,24 @@ def _count_pairs(lags: Indices, a: int, b: int, lengths: tuple[int, ...]) -> Arr
     return total
 
 
-def _smooth(lags: Indices, a: int, b: int, kappa: Callable[[Indices], Array]) -> Array:
-    """c_ab at some lags, ascending, for κ as a function of the lag."""
-    single = _compute_white_weights(a, b)
+def _compute_difference_covariance(lags: Indices, a: int, b: int, kappa: Callable[[Indices], Array]) -> Array:
+    """Compute c_ab at ascending lags, for κ as a function of the lag."""
+    weights = _compute_white_covariance(a, b)
     step = int(lags[1] - lags[0])
     if a % step or b % step or (np.diff(lags) != step).any():
-        return np.asarray(sum(weight * kappa(lags - lag) for lag, weight in single.items()))
-    # Moved by a multiple of their step the lags are mostly the same: κ is asked for once at each, not up to nine times.
-    low, high = int(lags[0]) - max(single), int(lags[-1]) - min(single)
-    at = kappa(np.arange(low, high + 1, step))
-    first = {lag: (int(lags[0]) - lag - low) // step for lag in single}
-    return np.asarray(sum(weight * at[first[lag] : first[lag] + len(lags)] for lag, weight in single.items()))
+        return np.asarray(sum(weight * kappa(lags - lag) for lag, weight in weights.items()))
+    # Shifted by multiples of their step the lags coincide: κ is computed once at each, instead of up to nine times.
+    low, high = int(lags[0]) - max(weights), int(lags[-1]) - min(weights)
+    kappas = kappa(np.arange(low, high + 1, step))
+    first = {lag: (int(lags[0]) - lag - low) // step for lag in weights}
+    return np.asarray(sum(weight * kappas[first[lag] : first[lag] + len(lags)] for lag, weight in weights.items()))
 
 
-def _compute_white_weights(a: int, b: int) -> dict[int, float]:
-    """c_ab of unit angle white noise at the lags where it is not zero."""
-    out: dict[int, float] = {}
+def _compute_white_covariance(a: int, b: int) -> dict[int, float]:
+    """Compute c_ab of unit angle white noise at the lags where it is not zero."""
+    covariance: dict[int, float] = {}
     for s, weight in enumerate(DIFFERENCE_WEIGHTS):
-        for t, other in enumerate(DIFFERENCE_WEIGHTS):
+        for t, weight_t in enumerate(DIFFERENCE_WEIGHTS):
             lag = t * b - s * a
-            out[lag] = out.get(lag, 0.0) + weight * other
-    return out
+            covariance[lag] = covariance.get(lag, 0.0) + weight * weight_t
+    return covariance

@@ -6,9 +6,9 @@ model itself is that of `estimate_covariance`. Generalised least squares with it
 coefficients and their sigmas for each set of terms (Guerrier et al., "Wavelet-variance-based estimation for composite
 stochastic processes", JASA 108, 2013, for the consistency of such fits).
 
-Sets of terms compete by χ² plus a price for each term they hold. A term that is not in the best set is *not seen*. Sets that
-are as good as the best but for less than its price are listed as alternatives, since bias instability and rate random walk can
-often stand for one another.
+Sets of terms compete by their cost: χ² plus a price for each term. A term that is not in the best set is *not seen*. Sets whose
+cost is almost that of the best are listed as alternatives, since bias instability and rate random walk can often replace one
+another.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,12 +26,12 @@ from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 
 PRICE = 9.0  # of χ², for each term: three sigma
-CHI2_TIE_MARGIN = 4.0  # of χ² and prices, up to which a set is as good as the best
+CHI2_TIE_MARGIN = 4.0  # of the cost: largest excess of a set that is as good as the best
 LARGEST_SET = 3  # terms
 FEWEST_TIMES = 5
-CANDIDATE_CHI2_MARGIN = 15.0  # of χ² and prices, up to which a set is looked at more closely
-REWEIGHTING_ROUNDS = 2  # in which the terms of a set and the covariance that they predict follow one another
-LARGEST_LOG = 80.0  # of a coefficient: beyond it a term is nothing, or everything
+CANDIDATE_CHI2_MARGIN = 15.0  # of the cost: largest excess of a set that is refitted with its own covariance
+REWEIGHTING_ROUNDS = 2  # of fitting a set's terms and computing the covariance that they predict
+LARGEST_LOG = 80.0  # of a coefficient: keeps exp finite; beyond it a term is negligible or dominates
 
 
 @dataclass(frozen=True)
@@ -51,57 +51,59 @@ class Fit:
 
     estimates: tuple[TermEstimate, ...]  # one for each term, in the order of `TERMS`
     degrees: Array  # (t,) equivalent degrees of freedom of each averaging time under these terms
-    model: Array  # (t,) Allan variance of the terms that are seen, and of what was known before
+    model: Array  # (t,) Allan variance of the seen terms and of the known noise
     chi2: float
     dof: int
     alternatives: tuple[tuple[str, ...], ...]  # other sets of terms that fit as well
 
     def estimate(self, term: str) -> TermEstimate:
-        """The estimate of a term."""
+        """Return the estimate of a term."""
         return next(estimate for estimate in self.estimates if estimate.term == term)
 
 
-def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
+def fit_terms(deviation: Deviation, known: Array | None = None) -> Fit:
     """Fit the terms of IEEE Std 952 to an Allan deviation.
 
-    An `InputError` if there is no noise at some averaging time, or there are too few of them.
+    Raises `InputError` if there is no noise at some averaging time, or if there are too few of them.
 
     Parameters
     ----------
-    found : an overlapping Allan deviation, at octaves
-    known : (t,) Allan variance of what is there besides, such as the noise of references
+    deviation : an overlapping Allan deviation, at octaves
+    known : (t,) Allan variance of further known noise, such as that of references
     """
-    _check_deviation(found)
-    floor = np.zeros(found.factors.size) if known is None else known
-    # The covariance of what is known is the same under all terms; it costs as much as theirs.
-    white = _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}) if floor.any() else None
-    build = partial(_build_problem, found, floor, white)
-    # A covariance at all needs terms: angle random walk as at the shortest time.
-    first = max(found.variance[0] - floor[0], 1e-3 * found.variance[0]) * found.tau_s[0]
+    _check_deviation(deviation)
+    floor = np.zeros(deviation.factors.size) if known is None else known
+    # The covariance of the known noise is the same under all terms, and computed once.
+    white = _compute_relative_covariance(deviation, {ANGLE_WHITE: 1.0}) if floor.any() else None
+    build = partial(_build_problem, deviation, floor, white)
+    # The first covariance needs terms: angle random walk of the size at the shortest time.
+    first = max(deviation.variance[0] - floor[0], 1e-3 * deviation.variance[0]) * deviation.tau_s[0]
     rough = min(_fit_all_sets(build({RANDOM_WALK: first})), key=lambda term_set: term_set.cost)
     best, *others = _select_likely_sets(_fit_all_sets(build(rough.squares)), build)
     problem = build(best.squares)
-    # A set that is the best with a term more that it does not need is no alternative.
-    alike = [other for other in others if other.cost < best.cost + CHI2_TIE_MARGIN and not set(best.terms) < set(other.terms)]
+    # The best set with a further term is no alternative: it does not need the term.
+    tied = [other.terms for other in others if other.cost < best.cost + CHI2_TIE_MARGIN]
+    alternatives = tuple(terms for terms in tied if not set(best.terms) < set(terms))
     return Fit(
         estimates=tuple(best.estimate(term) for term in TERMS),
         degrees=problem.degrees,
         model=floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0),
         chi2=best.chi2,
-        dof=found.factors.size - best.logs.size,
-        alternatives=tuple(other.terms for other in alike),
+        dof=deviation.factors.size - best.logs.size,
+        alternatives=alternatives,
     )
 
 
-def _check_deviation(found: Deviation) -> None:
-    if not np.all(found.variance > 0):
-        place = float(found.tau_s[np.argmin(found.variance)])
+def _check_deviation(deviation: Deviation) -> None:
+    """Raise `InputError` for a deviation without noise, or with too few averaging times."""
+    if not np.all(deviation.variance > 0):
+        time_s = float(deviation.tau_s[np.argmin(deviation.variance)])
         raise InputError(
-            f"Allan deviation: it is zero at {place:g} s, where samples do not differ; there is no noise to describe"
+            f"Allan deviation: it is zero at {time_s:g} s, where samples do not differ; there is no noise to describe"
         )
-    if found.factors.size < FEWEST_TIMES:
+    if deviation.factors.size < FEWEST_TIMES:
         raise InputError(
-            f"Allan deviation: {found.factors.size} averaging times are too few for terms; {FEWEST_TIMES} are needed"
+            f"Allan deviation: {deviation.factors.size} averaging times are too few for terms; {FEWEST_TIMES} are needed"
         )
 
 
@@ -126,12 +128,12 @@ class _TermSet:
         return dict(zip(self.terms, np.exp(2 * self.logs), strict=True))
 
     def estimate(self, term: str) -> TermEstimate:
-        """The coefficient of a term, which is not seen if the set is without it."""
+        """Return the coefficient of a term, which is not seen if the set is without it."""
         if term not in self.terms:
             return TermEstimate(term, seen=False)
-        place = self.terms.index(term)
-        value = float(np.exp(self.logs[place]))
-        return TermEstimate(term, True, value, value * float(np.sqrt(self.variances[place])))
+        index = self.terms.index(term)
+        value = float(np.exp(self.logs[index]))
+        return TermEstimate(term, True, value, value * float(np.sqrt(self.variances[index])))
 
 
 @dataclass(frozen=True)
@@ -140,30 +142,30 @@ class _Problem:
 
     logs: Array  # (t,)
     whitening: Array  # (t, t) inverse factor of their covariance
-    known: Array  # (t,) Allan variance of what is known
+    known: Array  # (t,) Allan variance of the known noise
     tau_s: Array
     degrees: Array  # (t,) equivalent degrees of freedom of each estimate
 
     def compute_term_variances(self, terms: tuple[str, ...], logs: Array) -> Array:
-        """(terms, t) Allan variance of each term."""
+        """Compute the Allan variance (terms, t) of each term."""
         squares = np.exp(2 * np.clip(logs, -LARGEST_LOG, LARGEST_LOG))
         return squares[:, None] * np.array([compute_allan_variance(term, self.tau_s) for term in terms])
 
     def compute_residuals(self, terms: tuple[str, ...], logs: Array) -> Array:
-        """(t,) whitened."""
+        """Compute the whitened residuals (t,)."""
         model = self.known + self.compute_term_variances(terms, logs).sum(axis=0)
         return np.asarray(self.whitening @ (self.logs - np.log(model)))
 
     def compute_jacobian(self, terms: tuple[str, ...], logs: Array) -> Array:
-        """(t, terms) derivative of the whitened residuals."""
+        """Compute the derivative (t, terms) of the whitened residuals."""
         variances = self.compute_term_variances(terms, logs)
         total = self.known + variances.sum(axis=0)
         return np.asarray(-self.whitening @ (2 * variances / total).T)
 
     def minimise(self, terms: tuple[str, ...], start: Array) -> tuple[Array, float]:
-        """The logarithms at which χ² is least, and that χ²."""
-        # MINPACK's own call: that of `least_squares` with "lm", whose wrappers take as long as all else here.
-        found, _, told, *_ = scipy.optimize.leastsq(
+        """Find the logarithms of least χ², and that χ²."""
+        # MINPACK's own call: the wrappers of `least_squares` with "lm" take as long as the rest of the fit.
+        solution, _, details, *_ = scipy.optimize.leastsq(
             lambda x: self.compute_residuals(terms, x),
             start,
             Dfun=lambda x: self.compute_jacobian(terms, x),
@@ -174,41 +176,41 @@ class _Problem:
             maxfev=200,
             diag=np.ones(len(start)),
         )
-        return np.clip(found, -LARGEST_LOG, LARGEST_LOG), float(told["fvec"] @ told["fvec"])
+        return np.clip(solution, -LARGEST_LOG, LARGEST_LOG), float(details["fvec"] @ details["fvec"])
 
 
-def _build_problem(found: Deviation, floor: Array, white: Array | None, squares: Mapping[str, float]) -> _Problem:
-    """Logarithms of the estimates and the covariance of their errors under some terms.
+def _build_problem(deviation: Deviation, floor: Array, white: Array | None, squares: Mapping[str, float]) -> _Problem:
+    """Build the problem of the estimates' logarithms, with the covariance of their errors under some terms.
 
-    The share of the floor, which is the Allan variance of what is known, scatters with the relative covariance `white`.
+    The share of the floor, the Allan variance of the known noise, has the relative covariance `white`.
     """
-    V = _compute_relative_covariance(found, squares)
+    V = _compute_relative_covariance(deviation, squares)
     if white is not None:
-        share = floor / (floor + _compute_variance(found, squares))
-        crossed = np.sqrt(np.diag(V) * np.diag(white)) * share * (1 - share)
-        V = V * np.outer(1 - share, 1 - share) + white * np.outer(share, share) + 2 * np.diag(crossed)
-    # A ramp alone does not scatter: its estimate is worth more than a χ² of the noise, but no more than that of all samples.
-    degrees = np.clip(2 / np.diag(V), 0.5, max(found.lengths))
+        s = floor / (floor + _compute_variance(deviation, squares))  # share of the floor
+        cross_variance = np.sqrt(np.diag(V) * np.diag(white)) * s * (1 - s)
+        V = V * np.outer(1 - s, 1 - s) + white * np.outer(s, s) + 2 * np.diag(cross_variance)
+    # A ramp alone has no scatter, so that ν would be infinite: it is limited to the number of samples.
+    degrees = np.clip(2 / np.diag(V), 0.5, max(deviation.lengths))
     scale = np.sqrt(polygamma(1, degrees / 2) / np.diag(V))
     covariance = V * np.outer(scale, scale) + 1e-6 * np.eye(len(V))
-    logs = np.log(found.variance) - (digamma(degrees / 2) - np.log(degrees / 2))
-    return _Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, found.tau_s, degrees)
+    logs = np.log(deviation.variance) - (digamma(degrees / 2) - np.log(degrees / 2))
+    return _Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, deviation.tau_s, degrees)
 
 
-def _compute_variance(found: Deviation, squares: Mapping[str, float]) -> Array:
-    """(t,) Allan variance of some terms."""
-    parts = (square * compute_allan_variance(term, found.tau_s) for term, square in squares.items())
-    return np.asarray(sum(parts, np.zeros(found.factors.size)))
+def _compute_variance(deviation: Deviation, squares: Mapping[str, float]) -> Array:
+    """Compute the Allan variance (t,) of some terms."""
+    parts = (square * compute_allan_variance(term, deviation.tau_s) for term, square in squares.items())
+    return np.asarray(sum(parts, np.zeros(deviation.factors.size)))
 
 
-def _compute_relative_covariance(found: Deviation, squares: Mapping[str, float]) -> Array:
-    """(t, t) covariance of the estimates under some terms, relative to what they should be."""
-    expected = _compute_variance(found, squares)
-    return np.asarray(estimate_covariance(found, squares) / np.outer(expected, expected))
+def _compute_relative_covariance(deviation: Deviation, squares: Mapping[str, float]) -> Array:
+    """Compute the covariance (t, t) of the estimates under some terms, relative to their expected values."""
+    expected = _compute_variance(deviation, squares)
+    return np.asarray(estimate_covariance(deviation, squares) / np.outer(expected, expected))
 
 
 def _fit_all_sets(problem: _Problem) -> list[_TermSet]:
-    """The best coefficients of every set of up to three terms, at least one of them random."""
+    """Fit the coefficients of every set of up to three terms, at least one of them random."""
     return [
         _fit_set(terms, problem)
         for size in range(1, LARGEST_SET + 1)
@@ -218,7 +220,7 @@ def _fit_all_sets(problem: _Problem) -> list[_TermSet]:
 
 
 def _fit_set(terms: tuple[str, ...], problem: _Problem, start: Array | None = None) -> _TermSet:
-    """A set at its best; without a start each term begins at the size at which it touches the deviation from below."""
+    """Fit a set of terms; by default each starts at the size at which it touches the deviation from below."""
     if start is None:
         units = (compute_allan_variance(term, problem.tau_s) for term in terms)
         start = np.array([0.5 * np.log(np.min(np.exp(problem.logs) / unit)) for unit in units])
@@ -228,12 +230,12 @@ def _fit_set(terms: tuple[str, ...], problem: _Problem, start: Array | None = No
 
 
 def _select_likely_sets(sets: list[_TermSet], build: Callable[[Mapping[str, float]], _Problem]) -> list[_TermSet]:
-    """The sets near the best one, each under the covariance that it predicts itself, the best first.
+    """Select the sets near the best one, each fitted under the covariance that it predicts, the best first.
 
-    A trend scatters less than noise of its size.
+    The covariances differ, since a trend has less scatter than noise of its size.
     """
-    least = min(term_set.cost for term_set in sets)
-    likely = [term_set for term_set in sets if term_set.cost < least + CANDIDATE_CHI2_MARGIN]
+    least_cost = min(term_set.cost for term_set in sets)
+    likely = [term_set for term_set in sets if term_set.cost < least_cost + CANDIDATE_CHI2_MARGIN]
     for _ in range(REWEIGHTING_ROUNDS):
         likely = [_fit_set(term_set.terms, build(term_set.squares), term_set.logs) for term_set in likely]
     return sorted(likely, key=lambda term_set: term_set.cost)

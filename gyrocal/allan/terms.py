@@ -31,7 +31,7 @@ ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, RAMP = TERMS = (
 
 
 def compute_term_covariance(term: str, t_s: Array) -> Array:
-    """κ(t) of a random term per square of its coefficient, without the part of angle white noise at t = 0; as t_s."""
+    """Compute κ(t) of a random term per square of its coefficient, without angle white noise's part at t = 0; as t_s."""
     t = np.abs(np.asarray(t_s, dtype=float))
     if term == ANGLE_WHITE:
         return np.zeros_like(t)
@@ -45,7 +45,7 @@ def compute_term_covariance(term: str, t_s: Array) -> Array:
 
 
 def compute_allan_variance(term: str, tau_s: Array) -> Array:
-    """Allan variance of a term per square of its coefficient, as tau_s."""
+    """Compute the Allan variance of a term per square of its coefficient, as tau_s."""
     tau = np.asarray(tau_s, dtype=float)
     if term == ANGLE_WHITE:
         return np.asarray(3 / tau**2)
@@ -61,6 +61,6 @@ def compute_allan_variance(term: str, tau_s: Array) -> Array:
 
 
 def compute_sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:
-    """Allan variance of a sinusoid, as tau_s."""
+    """Compute the Allan variance of a sinusoid, as tau_s."""
     angle = np.pi * frequency_hz * np.asarray(tau_s, dtype=float)
     return np.asarray((amplitude * np.sin(angle) ** 2 / angle) ** 2)

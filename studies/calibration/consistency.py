@@ -11,13 +11,13 @@ then, over the cases, of its errors e and covariance P
 - the k-sigma range covers the truth as often as it says,
 - the rank of the truth within the posterior, u = Φ((x_true − x)/σ), is uniform; of the whole, u = χ²₁₂(|y|²).
 
-`run_case` produces, `check` judges. A statistic that fails is laid to the mean of y (biased) or to its spread about that mean
-(over-confident, under-confident). The mean is tested by Hotelling's T², which a wrong sigma does not move, and the spread by
-χ², which a bias does not move. All limits are Bonferroni's over one estimator's statistics, so that a consistent estimator
+`run_case` simulates, `check` judges. The cause of a failure is the mean of y (biased) or its spread about that mean
+(over-confident, under-confident). The mean is tested by Hotelling's T², which a wrong sigma does not change, and the spread by
+χ², which a bias does not change. All limits are Bonferroni's over one estimator's statistics, so that a consistent estimator
 passes them all with at least the stated confidence.
 
-The controls are estimators known to be wrong: the paper's covariance ("references only"), and the answer with prior with its
-sigmas scaled or half a sigma added to each parameter. A check that lets one of them pass is worth nothing.
+The controls are estimators known to be wrong: the paper's covariance ("references only"), and the result with prior with its
+sigmas scaled or half a sigma added to each parameter. The check is useless if one of them passes.
 """
 
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
 
-# Of the size of what the data alone would leave, so that the prior and the data both count.
+# As large as the errors from the data alone, so that prior and data have similar weights.
 PRIOR_SIGMA_G = 3e-4
 PRIOR_SIGMA_DEG_H = 0.02
 
@@ -56,7 +56,7 @@ STATISTICS = 5  # of each parameter, and of the whole
 CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
 BIASED_ESTIMATOR = "biased"
 
-# What each estimator must be found to be.
+# Expected verdict on each estimator.
 EXPECTED_VERDICTS = {
     "with prior": CONSISTENT,
     "without prior": CONSISTENT,
@@ -69,7 +69,7 @@ PERTURBED_CONTROLS = {"sigma × 0.7": (0.7, 0.0), "sigma × 1.4": (1.4, 0.0), "h
 
 
 def build_default_prior() -> dict[str, Dispersion]:
-    """Normals about the TRMM scenario's a-priori parameters."""
+    """Build normals about the TRMM scenario's a-priori parameters."""
     gyro = scenarios.load("trmm").gyro
     means = [*np.ravel(gyro.apriori_G).tolist(), *gyro.apriori_bias_deg_s]
     sigmas = [PRIOR_SIGMA_G] * 9 + [PRIOR_SIGMA_DEG_H / 3600] * 3
@@ -87,8 +87,8 @@ class ConsistencyConfig(StudyConfig):
     @model_validator(mode="after")
     def _has_a_prior(self) -> "ConsistencyConfig":
         for path in PATHS:
-            given = self.dispersions.get(path)
-            if not isinstance(given, Normal) or given.mode == "factor":
+            dispersion = self.dispersions.get(path)
+            if not isinstance(dispersion, Normal) or dispersion.mode == "factor":
                 raise ValueError(f"dispersions: {path} must be normal, absolute or an offset: it is the prior")
         if self.cases <= 2 * len(PATHS):
             raise ValueError(f"cases: more than {2 * len(PATHS)} are needed to judge {len(PATHS)} parameters together")
@@ -98,7 +98,7 @@ class ConsistencyConfig(StudyConfig):
 
 
 def compute_prior_moments(config: ConsistencyConfig) -> tuple[Array, Array]:
-    """Mean (12,) and sigma (12,) of the prior; G dimensionless, b rad/s."""
+    """Compute mean (12,) and sigma (12,) of the prior; G dimensionless, b rad/s."""
     scenario = load_base_scenario(config)
     normals = [config.dispersions[path] for path in PATHS]
     means = [d.apply_draw(d.quantile(0.5), get_scenario_value(scenario, path)) for d, path in zip(normals, PATHS, strict=True)]
@@ -106,27 +106,27 @@ def compute_prior_moments(config: ConsistencyConfig) -> tuple[Array, Array]:
 
 
 def run_case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[str, object]]:
-    """A row for each estimator: errors and sigmas of the parameters, ppm and deg/h, and the whitened error."""
+    """Calibrate a case: a row for each estimator with errors and sigmas, ppm and deg/h, and the whitened error."""
     scenario = dispersed(config, case)
-    seen = observed(config, case, streams)
+    recording = observed(config, case, streams)
     mean, sigma = compute_prior_moments(config)
     truth = np.array([get_scenario_value(scenario, path) for path in PATHS]) * TO_SI
     start = GyroParameters.from_vector(mean)
-    right = require_converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2)))
-    found = {
-        "with prior": right,
-        "without prior": require_converged(calibrate(seen, initial=start)),
-        "references only": require_converged(calibrate(seen, initial=start, covariance_model="references only")),
+    with_prior = require_converged(calibrate(recording, initial=start, apriori_covariance=np.diag(sigma**2)))
+    results = {
+        "with prior": with_prior,
+        "without prior": require_converged(calibrate(recording, initial=start)),
+        "references only": require_converged(calibrate(recording, initial=start, covariance_model="references only")),
     }
-    rows = [build_estimate_row(name, one.parameters.vector - truth, one.covariance) for name, one in found.items()]
+    rows = [build_estimate_row(name, result.parameters.vector - truth, result.covariance) for name, result in results.items()]
     for name, (scale, shift) in PERTURBED_CONTROLS.items():
-        error = right.parameters.vector - truth + shift * right.sigma
-        rows.append(build_estimate_row(name, error, scale**2 * right.covariance))
+        error = with_prior.parameters.vector - truth + shift * with_prior.sigma
+        rows.append(build_estimate_row(name, error, scale**2 * with_prior.covariance))
     return rows
 
 
 def build_estimate_row(estimator: str, error: Array, covariance: Array) -> dict[str, object]:
-    """The row of an estimate, of its error (12,) and stated covariance (12, 12); G dimensionless, b rad/s."""
+    """Build the row of an error (12,) and its stated covariance (12, 12); G dimensionless, b rad/s."""
     sigma = np.sqrt(np.diag(covariance))
     L = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
     white = np.linalg.solve(L, error / sigma)
@@ -142,14 +142,14 @@ def normalise_errors(rows: pd.DataFrame) -> dict[str, Array]:
 
 
 def compute_ranks(y: Array) -> Array:
-    """Share of the posterior below the truth, (cases,), of normalised errors (cases, d); of several at once by |y|²."""
+    """Compute the share of the posterior below the truth, (cases,), from errors (cases, d); by |y|² if d > 1."""
     if y.shape[1] == 1:
         return np.asarray(scipy.stats.norm.cdf(-y[:, 0]))
     return np.asarray(scipy.stats.chi2.cdf(np.sum(y**2, axis=1), y.shape[1]))
 
 
 def count_ranks(y: Array, bins: int) -> NDArray[np.intp]:
-    """Counts of the ranks in equal bins."""
+    """Count the ranks in equal bins."""
     return np.bincount(np.minimum((compute_ranks(y) * bins).astype(int), bins - 1), minlength=bins)
 
 
@@ -161,14 +161,14 @@ def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.Da
     histogram's uniformity). A consistent estimator passes everything with the stated confidence.
     """
     groups = normalise_errors(rows)
-    each = 1 - (1 - confidence) / (STATISTICS * len(groups))
-    parts = [_compute_statistics(y, each, bins).assign(parameter=name) for name, y in groups.items()]
+    statistic_confidence = 1 - (1 - confidence) / (STATISTICS * len(groups))
+    parts = [_compute_statistics(y, statistic_confidence, bins).assign(parameter=name) for name, y in groups.items()]
     table = pd.concat(parts, ignore_index=True)
     return table[["parameter", "statistic", "value", "lower", "upper", "verdict"]]
 
 
 def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
-    """All statistics of normalised errors (cases, d), each at this confidence."""
+    """Compute all statistics of normalised errors (cases, d), each with limits of this confidence."""
     n, d = y.shape
     tail = (1 - confidence) / 2
     mean, square = y.mean(axis=0), np.sum(y**2, axis=1)
@@ -179,35 +179,37 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
         "mean": [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)],
         "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
     }
-    share = summaries.SIGMA_LEVELS["95"]
-    inside = int(np.sum(square <= scipy.stats.chi2.ppf(share, d)))
-    table["coverage"] = [share, *statistics.compute_binomial_interval(inside, n, confidence)]
+    probability = summaries.SIGMA_LEVELS["95"]
+    inside = int(np.sum(square <= scipy.stats.chi2.ppf(probability, d)))
+    table["coverage"] = [probability, *statistics.compute_binomial_interval(inside, n, confidence)]
     counts = count_ranks(y, bins)
     table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
     out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
     outside = (out["value"] < out["lower"]) | (out["value"] > out["upper"])
-    spread = OVER_CONFIDENT if out["value"]["spread"] > 1 else UNDER_CONFIDENT
-    cause = BIASED_ESTIMATOR if outside["mean"] and not outside["spread"] else spread
-    causes = pd.Series({"mean": BIASED_ESTIMATOR, "spread": spread}).reindex(out.index, fill_value=cause)
+    spread_verdict = OVER_CONFIDENT if out["value"]["spread"] > 1 else UNDER_CONFIDENT
+    cause = BIASED_ESTIMATOR if outside["mean"] and not outside["spread"] else spread_verdict
+    causes = pd.Series({"mean": BIASED_ESTIMATOR, "spread": spread_verdict}).reindex(out.index, fill_value=cause)
     return out.assign(verdict=causes.where(outside, CONSISTENT)).reset_index()
 
 
 def summarise_verdicts(checks: pd.DataFrame) -> str:
-    """One estimator's verdict: "consistent" if every statistic is, or what is wrong, the most frequent first."""
-    wrong = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
-    return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else CONSISTENT
+    """Summarise an estimator's verdicts: "consistent" if every statistic is, or the failures, the most frequent first."""
+    failures = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
+    return " and ".join(map(str, failures.value_counts().index)) if len(failures) else CONSISTENT
 
 
 def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """`check` of each estimator, in one table."""
+    """Apply `check` to each estimator, in one table."""
     parts = {name: check(rows[rows["estimator"] == name], config.confidence, config.bins) for name in EXPECTED_VERDICTS}
     return pd.concat([table.assign(estimator=name) for name, table in parts.items()], ignore_index=True)
 
 
 def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
-    def line(table: pd.DataFrame) -> dict[str, object]:
-        whole = table[table["parameter"] == WHOLE].set_index("statistic")
-        nees = whole.loc["nees"]
+    """Build a row an estimator: expected and actual verdict, and the statistics of all parameters together."""
+
+    def summarise_estimator(table: pd.DataFrame) -> dict[str, object]:
+        joint = table[table["parameter"] == WHOLE].set_index("statistic")
+        nees = joint.loc["nees"]
         return {
             "expected": EXPECTED_VERDICTS[table["estimator"].iloc[0]],
             "verdict": summarise_verdicts(table),
@@ -216,21 +218,21 @@ def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
             "nees_per_dof": nees["value"],
             "nees_per_dof_low": nees["lower"],
             "nees_per_dof_high": nees["upper"],
-            "spread": whole.loc["spread", "value"],
-            "mean_F": whole.loc["mean", "value"],
+            "spread": joint.loc["spread", "value"],
+            "mean_F": joint.loc["mean", "value"],
         }
 
-    return summarise_groups(checks, ["estimator"], line)
+    return summarise_groups(checks, ["estimator"], summarise_estimator)
 
 
 def _build_parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
-    """A row a parameter of one estimator."""
+    """Build a row a parameter of one estimator."""
     errors, sigmas = rows[ERRORS].to_numpy(), rows[SIGMAS].to_numpy()
     table = summaries.tabulate_accuracy(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
-    kept = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
-    kept += [f"coverage_95{end}" for end in ("", "_low", "_high")]
+    columns = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
+    columns += [f"coverage_95{end}" for end in ("", "_low", "_high")]
     values = checks.pivot_table(index="parameter", columns="statistic", values="value").loc[list(NAMES)]
-    return table[kept].assign(nees=values["nees"].to_numpy(), rank_chi2=values["rank"].to_numpy())
+    return table[columns].assign(nees=values["nees"].to_numpy(), rank_chi2=values["rank"].to_numpy())
 
 
 VERDICT_NOTE = (
@@ -248,8 +250,8 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
         bounds = (line["nees_per_dof_low"], line["nees_per_dof_high"])
         checks.append(Check(f"mean NEES, {line['estimator']}", line["nees_per_dof"], bounds, "NEES/dof"))
         checks.append(Check(f"statistics outside their limits, {line['estimator']}", line["outside"], (0, 0)))
-    right = rows[rows["estimator"] == "with prior"]
-    by_parameter = _build_parameter_table(right, judgements[judgements["estimator"] == "with prior"])
+    with_prior = rows[rows["estimator"] == "with prior"]
+    by_parameter = _build_parameter_table(with_prior, judgements[judgements["estimator"] == "with prior"])
     note = f"All statistics of an estimator together have a confidence of {config.confidence:.0%}."
     tables = {
         "verdicts": Table(f"Verdicts, {rows['case'].nunique()} cases", verdicts, note),
@@ -260,13 +262,13 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
 
 
 def _draw_rank_figure(config: ConsistencyConfig, ranked: Mapping[str, Array]) -> panels.Draw:
-    """Histograms of the true G_xx's rank, with the band that all bins of all panels together keep to."""
+    """Draw histograms of the true G_xx's rank, with a joint band of all bins of all panels."""
     n = len(next(iter(ranked.values())))
     band = compute_binomial_band(n, 1 / config.bins, 1 - (1 - config.confidence) / len(ranked), config.bins)
     counts = {name: count_ranks(y, config.bins) for name, y in ranked.items()}
-    found = [panels.make_histogram(count, n / config.bins, band, title=name) for name, count in counts.items()]
+    histograms = [panels.make_histogram(count, n / config.bins, band, title=name) for name, count in counts.items()]
     title = f"rank of the true G_xx within the posterior, by estimator; {n} cases, band {band[0]} to {band[1]} a bin"
-    return panels.build_sheet(*found, size=(7.6, 0.5 + 1.45 * (len(ranked) // 3)), columns=3, title=title)
+    return panels.build_sheet(*histograms, size=(7.6, 0.5 + 1.45 * (len(ranked) // 3)), columns=3, title=title)
 
 
 STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, run_case, observed)

@@ -1,11 +1,11 @@
 """How many iterations a calibration needs: one, two, converged, over the size of the initial error, with and without noise.
 
-The calibration is Gauss–Newton: where the residuals at the solution vanish each iteration squares the error (slope 2), and
-where noise leaves residuals a small linear part remains. "Left" is the distance from the converged estimate, the only part of
-the error that more iterations can remove, as the largest over the parameters in formal sigmas.
+The calibration is Gauss–Newton: if the residuals at the solution vanish, each iteration squares the error (slope 2); with
+residuals from noise a small linear part remains. "Left" is the distance from the converged estimate, the only part of the error
+that more iterations can remove, as the largest over the parameters in formal sigmas.
 
 A case starts from the truth plus factors times two directions: "flown", the scenario's a-priori parameters minus the true ones
-(TRMM: pre-launch minus flight's result), and "random", of the same norm in G and in b, another in each case.
+(TRMM: pre-launch minus flight's result), and "random", of the same norm in G and in b, drawn anew in each case.
 """
 
 from typing import Any
@@ -28,10 +28,10 @@ from studies.report.panels import Line
 from studies.report.tables import Table, summarise_groups
 
 FACTORS = (0.3, 0.6, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 30.0)
-SHOWN_ITERATIONS = 3  # iterations in the rows, with what they leave and their corrections
+SHOWN_ITERATIONS = 3  # iterations in the rows, with their distances and corrections
 LIMITS = (0.1, 1.0)  # sigma
-ITERATION_TOLERANCE_SIGMAS = 1e-7  # sigma; what is smaller is no longer an error of the iteration
-CONVERGED = 1e-6  # sigma; largest last correction of what counts as converged
+ITERATION_TOLERANCE_SIGMAS = 1e-7  # sigma; smaller distances are rounding errors
+CONVERGED = 1e-6  # sigma; largest last correction of a converged run
 ERROR_DIRECTIONS = ("flown", "random")
 
 
@@ -53,11 +53,12 @@ class IterationsConfig(StudyConfig):
 
 @build_once
 def _prepare_problem(config: IterationsConfig, flown: NoiseFreeSimulation) -> tuple[NoiseFreeSimulation, Problem]:
+    """Build the calibration problem of a simulated scenario, once for all its cases."""
     return flown, Problem.build(flown.plain, prepare_measurements(flown.plain))
 
 
 def draw_error_direction(rng: np.random.Generator, error: Array) -> Array:
-    """(12,) a random direction with the norms that G and b of the error have."""
+    """Draw a random direction (12,) with the norms that G and b of the error have."""
     out = rng.standard_normal(12)
     for part in (slice(0, 9), slice(9, 12)):
         out[part] *= np.linalg.norm(error[part]) / np.linalg.norm(out[part])
@@ -65,10 +66,10 @@ def draw_error_direction(rng: np.random.Generator, error: Array) -> Array:
 
 
 def run_case(config: IterationsConfig, number: int, streams: Streams) -> list[dict[str, object]]:
-    """One case: a row for each direction, with and without noise, and factor."""
+    """Calibrate a case from each direction and factor, with and without noise, a row each."""
     flown, prepared = _prepare_problem(config, number)
-    own = flown.initial - flown.truth
-    directions = {"flown": own, "random": draw_error_direction(streams.generator("initial_error"), own)}
+    initial_error = flown.initial - flown.truth
+    directions = {"flown": initial_error, "random": draw_error_direction(streams.generator("initial_error"), initial_error)}
     rows = []
     for noise in (False, True):
         problem = prepared.replace_case(*flown.realise(make_noise_generators(streams) if noise else None))
@@ -80,14 +81,14 @@ def run_case(config: IterationsConfig, number: int, streams: Streams) -> list[di
 
 
 def _run_iterations(config: IterationsConfig, problem: Problem, truth: Array, error: Array) -> dict[str, object]:
-    """Compute what each iteration from truth + error leaves; sigmas are the formal ones of the last iteration."""
+    """Compute the distance after each iteration from truth + error; sigmas are the formal ones of the last iteration."""
     result = problem.iterate(truth + error, config.iterations, config.psi)
     sigma = np.sqrt(np.diag(result.P))
     corrections = np.diff(result.x, axis=0)
-    left = np.abs(result.x - result.x[-1]) / sigma
+    distances = np.abs(result.x - result.x[-1]) / sigma
     row: dict[str, object] = {"converged": bool((np.abs(corrections[-1]) / sigma).max() < CONVERGED)}
     for k in range(SHOWN_ITERATIONS + 1):
-        row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"] = float(left[k, :9].max()), float(left[k, 9:].max())
+        row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"] = float(distances[k, :9].max()), float(distances[k, 9:].max())
     for k in range(SHOWN_ITERATIONS):
         row[f"correction_{k + 1}_G"] = float(np.abs(corrections[k, :9]).max())
         row[f"correction_{k + 1}_bias_deg_s"] = float(np.rad2deg(np.abs(corrections[k, 9:]).max()))
@@ -98,29 +99,29 @@ STUDY = Study("studies.calibration.iterations:STUDY", IterationsConfig, run_case
 
 
 def _compute_remaining_error(rows: pd.DataFrame, k: int) -> pd.Series:
-    """Largest of what iteration k leaves in G and b, sigma."""
+    """Compute the largest distance in G and b after iteration k, sigma."""
     return rows[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].max(axis=1)
 
 
 def estimate_convergence_orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per direction and noise: slope_k of log left after iteration k over log left before, and the ratio at factor 1."""
-    good = rows[rows["converged"]].assign(**{f"left_{k}": _compute_remaining_error(rows, k) for k in (0, 1, 2)})
+    """Estimate slope_k, log distance after over before iteration k, and the ratio at factor 1, by direction and noise."""
+    converged = rows[rows["converged"]].assign(**{f"left_{k}": _compute_remaining_error(rows, k) for k in (0, 1, 2)})
 
-    def line(part: pd.DataFrame) -> dict[str, object]:
+    def fit_orders(part: pd.DataFrame) -> dict[str, object]:
         row: dict[str, object] = {}
         for k in (1, 2):
             clear = part[part[f"left_{k}"] > ITERATION_TOLERANCE_SIGMAS]
-            slopes = [fit_log_slope(one[f"left_{k - 1}"], one[f"left_{k}"]) for _, one in clear.groupby("case")]
+            slopes = [fit_log_slope(case[f"left_{k - 1}"], case[f"left_{k}"]) for _, case in clear.groupby("case")]
             row[f"slope_{k}"] = float(np.nanmedian(slopes)) if np.isfinite(slopes).any() else np.nan
         nearest = part[part["factor"] == min(part["factor"], key=lambda factor: abs(np.log(factor)))]
         ratio = float((nearest["left_2"] / nearest["left_1"]).median())
         return row | {"factor": nearest["factor"].iloc[0], "second_over_first": ratio}
 
-    return summarise_groups(good.sort_values(["direction", "noise"], kind="stable"), ["direction", "noise"], line)
+    return summarise_groups(converged.sort_values(["direction", "noise"], kind="stable"), ["direction", "noise"], fit_orders)
 
 
 def find_limiting_factors(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per direction, noise and iteration: the factor from which it leaves more than each of `LIMITS`.
+    """Find the factor from which k iterations leave more than each of `LIMITS`, by direction, noise and iterations.
 
     By the median over the cases, and for each limit by the 95 % quantile; interpolated, NaN where the factors do not reach it.
     """
@@ -130,9 +131,9 @@ def find_limiting_factors(rows: pd.DataFrame) -> pd.DataFrame:
             by_factor = _compute_remaining_error(part, k).groupby(part["factor"])
             row: dict[str, object] = {"direction": direction, "noise": noise, "iterations": k}
             for limit in LIMITS:
-                for name, share in (("median", 0.5), ("p95", 0.95)):
-                    left = by_factor.quantile(share)
-                    row[f"factor_{limit:g}_sigma_{name}"] = find_level_crossing(left.index, left, limit)
+                for name, probability in (("median", 0.5), ("p95", 0.95)):
+                    distances = by_factor.quantile(probability)
+                    row[f"factor_{limit:g}_sigma_{name}"] = find_level_crossing(distances.index, distances, limit)
             out.append(row)
     return pd.DataFrame(out)
 
@@ -142,31 +143,32 @@ LINEAR = "Noise leaves residuals, and with them a small part that an iteration r
 
 
 def _build_checks(rows: pd.DataFrame) -> list[Check]:
-    out = []
+    """Check the orders of convergence, the distances for the scenario's own error, and the runs that did not converge."""
+    checks = []
     slopes = estimate_convergence_orders(rows).set_index(["direction", "noise"])
-    for direction in (one for one in ERROR_DIRECTIONS if (one, False) in slopes.index):
-        for k, which in ((1, "first"), (2, "second")):
-            name = f"power of what was left that the {which} iteration leaves, {direction} error, no noise"
-            out.append(Check(name, slopes[f"slope_{k}"][(direction, False)], (1.9, 2.1), "", QUADRATIC))
+    for direction in (name for name in ERROR_DIRECTIONS if (name, False) in slopes.index):
+        for k, ordinal in ((1, "first"), (2, "second")):
+            name = f"power of what was left that the {ordinal} iteration leaves, {direction} error, no noise"
+            checks.append(Check(name, slopes[f"slope_{k}"][(direction, False)], (1.9, 2.1), "", QUADRATIC))
         ratio = slopes["second_over_first"].loc[direction]
         if True in ratio.index:
             name = f"what the second iteration leaves by what the first left, {direction} error, noise by no noise"
             # A quotient of differences of 1e-8, whose sixth digit is the machine's.
-            out.append(Check(name, float(f"{ratio[True] / ratio[False]:.4g}"), bound_below(10), "", LINEAR))
-    own = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
-    for k in (1, 2) if len(own) else ():
-        left = round(own[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].median().max(), 8)  # to what is no rounding
+            checks.append(Check(name, float(f"{ratio[True] / ratio[False]:.4g}"), bound_below(10), "", LINEAR))
+    flown = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
+    for k in (1, 2) if len(flown) else ():
+        distance = round(flown[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].median().max(), 8)  # above rounding errors
         name = f"left of the scenario's own error by {k} iteration(s), largest, median"
-        out.append(Check(name, left, bound_above(LIMITS[0]), "sigma"))
+        checks.append(Check(name, distance, bound_above(LIMITS[0]), "sigma"))
     failed = rows[~rows["converged"]]
-    out.append(Check(f"runs that did not converge, of {len(rows)}", len(failed), (0, 0)))
-    return [*out, Check("smallest factor of a run that did not converge", failed["factor"].min())]
+    checks.append(Check(f"runs that did not converge, of {len(rows)}", len(failed), (0, 0)))
+    return [*checks, Check("smallest factor of a run that did not converge", failed["factor"].min())]
 
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     """Report the error after each iteration, its order, and the initial error from which one iteration is not enough."""
-    enough = Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows))
-    return Report({"enough": enough}, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
+    limits = Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows))
+    return Report({"enough": limits}, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "one, two, converged iterations over the size of the initial error", report)
@@ -178,19 +180,19 @@ DIRECTION_TITLES = {"flown": "pre-launch − truth", "random": "random direction
 def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """Draw the error after iterations over the initial error, a panel for each direction."""
 
-    def lines(part: pd.DataFrame) -> list[Line]:
-        """The median without noise, dotted, and the median and 5 to 95 % with noise, of each number of iterations."""
+    def build_lines(part: pd.DataFrame) -> list[Line]:
+        """Build the median without noise, dotted, and the median and 5 to 95 % with noise, by number of iterations."""
         out = []
         for k, (colour, label) in ITERATION_STYLES.items():
-            left = _compute_remaining_error(part, k)
-            quiet, noisy = (left[own].groupby(part["factor"][own]) for own in (~part["noise"], part["noise"]))
-            median, low, high = (noisy.quantile(share) for share in (0.5, 0.05, 0.95))
-            out.append(Line(quiet.median().index, quiet.median(), "", colour, ":"))
+            distances = _compute_remaining_error(part, k)
+            noise_free, noisy = (distances[rows].groupby(part["factor"][rows]) for rows in (~part["noise"], part["noise"]))
+            median, low, high = (noisy.quantile(probability) for probability in (0.5, 0.05, 0.95))
+            out.append(Line(noise_free.median().index, noise_free.median(), "", colour, ":"))
             out.append(Line(median.index, median, label, colour, "-", low, high))
         return out
 
     axes: dict[str, Any] = {"log": "xy", "levels": LIMITS, "x": "factor on the initial error", "legend": "lower right"}
     axes |= {"y": "distance from converged (formal sigma)", "legend_title": "solid: noise, 5–95 %; dotted: none"}
     parts = {direction: rows[rows["direction"] == direction] for direction in ERROR_DIRECTIONS}
-    figures = [panels.make_curves(lines(part), title=DIRECTION_TITLES[direction], **axes) for direction, part in parts.items()]
-    return panels.build_sheet(*figures, size=(9.0, 3.6), sharey=True)
+    curves = [panels.make_curves(build_lines(part), title=DIRECTION_TITLES[name], **axes) for name, part in parts.items()]
+    return panels.build_sheet(*curves, size=(9.0, 3.6), sharey=True)

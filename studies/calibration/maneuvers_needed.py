@@ -1,4 +1,4 @@
-"""Which maneuvers are needed: what every subset of the calibration intervals determines.
+"""Which maneuvers are needed: the parameters that each subset of the calibration intervals determines.
 
 The study is a grid without random numbers, a case a subset of the scenario's intervals with references at their ends only, or
 as a series. Residuals and their covariance are those of `calibrate`, at the true parameters. A subset determines a combination
@@ -8,8 +8,7 @@ that could do for twelve parameters; whether they do depends on their rates.
 
 The sigmas are those of the data together with the plausible range as a prior, P = (Σ⁻¹ + W)⁻¹: finite for every subset, and
 where the data determine everything larger than their own by at most the factor (1 + 1/s²)^½, s the smallest singular value.
-What a subset tells altogether is its information ½ Σ log₂(1 + s²), in bits: by how many halvings it shrinks the plausible
-volume.
+The information of a subset is ½ Σ log₂(1 + s²), in bits: the number of halvings of the plausible volume.
 """
 
 from collections.abc import Collection, Mapping
@@ -47,11 +46,11 @@ class ManeuversNeededConfig(GridConfig):
     series_s: float = Field(default=60.0, gt=0)  # time between the references of a series
 
     def points(self) -> list[tuple[str, tuple[int, ...]]]:
-        """Kind of references and subset of the scenario's intervals."""
+        """List the reference placements and subsets of the scenario's intervals."""
         intervals = len(load_base_scenario(self).interval)
         if intervals > MOST_INTERVALS:
             raise ValueError(f"scenario: has {intervals} intervals; all subsets of more than {MOST_INTERVALS} are too many")
-        subsets = [chosen for size in range(1, intervals + 1) for chosen in combinations(range(intervals), size)]
+        subsets = [subset for size in range(1, intervals + 1) for subset in combinations(range(intervals), size)]
         return list(product(REFERENCE_PLACEMENTS, subsets))
 
 
@@ -68,33 +67,33 @@ def _simulate_all_intervals(
     return recordings, get_true_parameters(simulation.scenario)
 
 
-def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording:
-    """The recording with some of its intervals and their references."""
-    intervals = tuple(recording.intervals[k] for k in chosen)
-    rows = np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in intervals]))
+def select_intervals(recording: Recording, indices: Collection[int]) -> Recording:
+    """Return the recording with some of its intervals and their references."""
+    intervals = tuple(recording.intervals[k] for k in indices)
+    rows = np.unique(np.concatenate([find_reference_rows(recording.attitudes.t_s, interval) for interval in intervals]))
     return replace(recording, attitudes=recording.attitudes.select_rows(rows), intervals=intervals)
 
 
 def run_case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
     """Compute the parameters that a subset of the maneuvers determines."""
-    references, chosen = config.points()[case]
-    whole, truth = _simulate_all_intervals(config, case)
-    recording = select_intervals(whole[references], chosen)
+    references, subset = config.points()[case]
+    recordings, truth = _simulate_all_intervals(config, case)
+    recording = select_intervals(recordings[references], subset)
     state = Problem.build(recording, prepare_measurements(recording)).state(truth)
     # H has the plausible range as its unit already.
-    judged = evaluate_observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
+    observability = evaluate_observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
     sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * PPM_DEG_H
     row: dict[str, object] = {
         "references": references,
-        "maneuvers": "+".join(recording.intervals[k].name for k in range(len(chosen))),
-        "size": len(chosen),
+        "maneuvers": "+".join(recording.intervals[k].name for k in range(len(subset))),
+        "size": len(subset),
         "equations": 3 * len(state.theta),
-        "lost": len(judged.unobservable),
-        "combinations": "; ".join(judged.unobservable),
+        "lost": len(observability.unobservable),
+        "combinations": "; ".join(observability.unobservable),
         # None rather than infinite, which Parquet readers show in their own ways.
-        "condition": judged.condition if judged.condition < 1e15 else None,
-        "weakest": float(judged.singular_values[-1]),
-        "information_bits": float(0.5 * np.log2(1 + judged.singular_values**2).sum()),
+        "condition": observability.condition if observability.condition < 1e15 else None,
+        "weakest": float(observability.singular_values[-1]),
+        "information_bits": float(0.5 * np.log2(1 + observability.singular_values**2).sum()),
     }
     return row | dict(zip(SIGMAS, sigma.tolist(), strict=True))
 
@@ -103,41 +102,42 @@ STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfi
 
 
 def _parse_maneuver_sets(rows: pd.DataFrame) -> list[frozenset[str]]:
+    """Return the set of maneuvers of each row."""
     return [frozenset(text.split("+")) for text in rows["maneuvers"]]
 
 
 def find_minimal_subsets(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the subsets that determine all twelve while no smaller part of them does; the best conditioned first."""
+    """Find the subsets that determine all twelve while no smaller part of them does; the best conditioned first."""
     sufficient = rows[rows["lost"] == 0]
     sets = _parse_maneuver_sets(sufficient)
-    kept = [not any(other < own for other in sets) for own in sets]
-    return sufficient[kept].sort_values(["size", "condition"])
+    is_minimal = [not any(smaller < subset for smaller in sets) for subset in sets]
+    return sufficient[is_minimal].sort_values(["size", "condition"])
 
 
 def compute_leave_one_out(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """Factor by which each sigma grows without a maneuver, a row each, from the rows of one kind of references."""
+    """Compute the factor by which each sigma grows without a maneuver, a row each, for one reference placement."""
     intervals = load_base_scenario(config).interval
     by_set = dict(zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True))
     everything = frozenset(interval.name for interval in intervals)
     full, growths = by_set[everything], {}
     for interval in intervals:
-        rest = by_set.get(everything - {interval.name})
-        if rest is not None:  # else a scenario of a single interval
-            growths[f"{interval.name}: {interval.activity}"] = [rest[name] / full[name] for name in SIGMAS]
+        reduced = by_set.get(everything - {interval.name})
+        if reduced is not None:  # else a scenario of a single interval
+            growths[f"{interval.name}: {interval.activity}"] = [reduced[name] / full[name] for name in SIGMAS]
     return pd.DataFrame.from_dict(growths, orient="index", columns=list(NAMES))
 
 
 def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
-    """The smallest sets of maneuvers without which the others, together, leave something undetermined.
+    """Find the smallest sets of maneuvers without which the others, together, leave something undetermined.
 
     No row's set contains another's. There is no row if even each alone determines everything.
     """
-    whole = frozenset.union(*_parse_maneuver_sets(rows))
+    everything = frozenset.union(*_parse_maneuver_sets(rows))
     by_set = zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True)
-    failing = [(whole - own, row) for own, row in by_set if row["lost"]]
-    least = [(gone, row) for gone, row in failing if not any(other < gone for other, _ in failing)]
-    ordered = sorted(least, key=lambda item: (len(item[0]), sorted(item[0])))
-    table = [("+".join(sorted(gone)), row["maneuvers"], row["lost"], row["combinations"]) for gone, row in ordered]
+    failing = [(everything - subset, row) for subset, row in by_set if row["lost"]]
+    minimal = [(omitted, row) for omitted, row in failing if not any(smaller < omitted for smaller, _ in failing)]
+    ordered = sorted(minimal, key=lambda item: (len(item[0]), sorted(item[0])))
+    table = [("+".join(sorted(omitted)), row["maneuvers"], row["lost"], row["combinations"]) for omitted, row in ordered]
     return pd.DataFrame(table, columns=["without", "left", "lost", "combinations"])
 
 
@@ -147,47 +147,47 @@ LOST = "What the other maneuvers together do not determine, for the smallest set
 
 def _build_checks(rows: pd.DataFrame, references: str) -> list[Check]:
     """Build the checks of one kind of references."""
-    at = f"references at {references}"
-    least = find_minimal_subsets(rows)
-    out = [Check(f"subsets that determine all twelve, {at}", int((rows["lost"] == 0).sum()))]
-    if len(least):
-        smallest = least[least["size"] == least["size"].min()]
+    placement = f"references at {references}"
+    minimal = find_minimal_subsets(rows)
+    checks = [Check(f"subsets that determine all twelve, {placement}", int((rows["lost"] == 0).sum()))]
+    if len(minimal):
+        smallest = minimal[minimal["size"] == minimal["size"].min()]
         best = smallest.iloc[0]
         of_size = int((rows["size"] == best["size"]).sum())
         worst = max(best[name] / limit for name, limit in zip(SIGMAS, PLAUSIBLE_RANGE * PPM_DEG_H, strict=True))
-        common = sorted(frozenset.intersection(*_parse_maneuver_sets(least)))
-        out += [
-            Check(f"maneuvers in the smallest of them, {at}", int(best["size"])),
-            Check(f"determining subsets of that size, of {of_size}, {at}", len(smallest)),
-            Check(f"best conditioned of these, {at}", best["maneuvers"], meaning=SMALLEST_SUBSET_NOTE),
-            Check(f"its worst sigma by the plausible range, {at}", worst),
-            Check(f"in every determining subset, {at}", ", ".join(common) or "none"),
+        common = sorted(frozenset.intersection(*_parse_maneuver_sets(minimal)))
+        checks += [
+            Check(f"maneuvers in the smallest of them, {placement}", int(best["size"])),
+            Check(f"determining subsets of that size, of {of_size}, {placement}", len(smallest)),
+            Check(f"best conditioned of these, {placement}", best["maneuvers"], meaning=SMALLEST_SUBSET_NOTE),
+            Check(f"its worst sigma by the plausible range, {placement}", worst),
+            Check(f"in every determining subset, {placement}", ", ".join(common) or "none"),
         ]
-    needed = find_blocking_sets(rows)
-    members = needed["without"].str.count("\\+")
-    for line in needed[members == members.min()].to_dict("records"):
-        out.append(Check(f"lost without {line['without']}, {at}", line["combinations"], meaning=LOST))
-    return out
+    blocking = find_blocking_sets(rows)
+    set_sizes = blocking["without"].str.count("\\+")
+    for line in blocking[set_sizes == set_sizes.min()].to_dict("records"):
+        checks.append(Check(f"lost without {line['without']}, {placement}", line["combinations"], meaning=LOST))
+    return checks
 
 
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
-    """Smallest determining subsets, indispensable maneuvers, and what each adds to the sigmas."""
+    """Report the smallest determining subsets, indispensable maneuvers, and the growth of sigmas without each."""
     kinds = {references: rows[rows["references"] == references] for references in REFERENCE_PLACEMENTS}
-    shown = ["references", "maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
-    least = pd.concat([find_minimal_subsets(chosen)[shown] for chosen in kinds.values()])
-    checks = [check for kind, chosen in kinds.items() for check in _build_checks(chosen, kind)]
-    tables = {"minimal": Table("Smallest determining subsets", least)}
+    columns = ["references", "maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
+    minimal = pd.concat([find_minimal_subsets(kind_rows)[columns] for kind_rows in kinds.values()])
+    checks = [check for kind, kind_rows in kinds.items() for check in _build_checks(kind_rows, kind)]
+    tables = {"minimal": Table("Smallest determining subsets", minimal)}
     return Report(tables, {"left_out": _draw_growth_figure(config, kinds)}, tuple(checks))
 
 
 def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
-    """Growth of each sigma when one maneuver is left out."""
-    drawn = []
+    """Draw the growth of each sigma when one maneuver is left out."""
+    heat_maps = []
     for kind, rows in kinds.items():
         grid = compute_leave_one_out(config, rows)[::-1]
-        drawn.append(panels.make_heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
+        heat_maps.append(panels.make_heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
     title = "factor by which a sigma grows when one maneuver is left out"
-    return panels.build_sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)
+    return panels.build_sheet(*heat_maps, size=(10.0, 3.6), title=title, sharey=True)
 
 
 ENTRY = Entry(STUDY, "which maneuvers are needed for which parameters", report)

@@ -5,14 +5,13 @@ V⁻¹ Θ)⁻¹,
 
     P = K V Kᵀ = K V_ref Kᵀ + K V_gyro Kᵀ,
 
-so each parameter's variance splits in two, and the gyro's share of it says which noise limits it. Since ∂P = K ∂V Kᵀ,
-that share is also the scaling law: V_gyro ∝ ARW² gives ∂ ln σ_j / ∂ ln ARW = share_j, and ∂ ln σ_j / ∂ ln σ_ref = 1 − share_j.
-The share depends on the ratio ARW/σ_ref only; where it passes one half the limit changes.
+so each parameter's variance splits in two, and the gyro's share of it shows which noise limits the parameter. Since
+∂P = K ∂V Kᵀ, the share is also the scaling law: V_gyro ∝ ARW² gives ∂ ln σ_j / ∂ ln ARW = share_j, and
+∂ ln σ_j / ∂ ln σ_ref = 1 − share_j. The share depends on the ratio ARW/σ_ref only; the limit changes where it is one half.
 
-The study is a grid, a case a point of it: one more, the last, has the flight's own noise, the ARW that the spread between the
-step sizes of N Table 2 shows (`studies.natanson.flight_gap.estimate_noise_from_steps`) with the scenario's references. At the
-grid's corners and at the flight's point the formal sigma is set against the spread of estimates over seeds, as a Monte Carlo of
-its own.
+The study is a grid, a case a point of it. The last point has the flight's own noise: the ARW from the spread between the step
+sizes of N Table 2 (`studies.natanson.flight_gap.estimate_noise_from_steps`) with the scenario's references. At the grid's
+corners and at the flight's point the formal sigma is compared with the spread of estimates over seeds, by Monte Carlo.
 """
 
 from dataclasses import dataclass, replace
@@ -62,18 +61,18 @@ class NoiseConfig(GridConfig):
     confidence: float = Field(default=0.99, gt=0.5, lt=1)  # of all intervals of the spread together
 
     def points(self) -> list[tuple[float, float]]:
-        """ARW and reference sigma of each point: those of the grid, and last the flight's."""
+        """List ARW and reference sigma of each point: those of the grid, and last the flight's."""
         return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), estimate_flight_noise(self)]
 
     def has_spread(self, case: int) -> bool:
-        """Whether a point is a corner of the grid or the flight's."""
+        """Check whether a point is a corner of the grid or the flight's."""
         last = len(self.sigma_deg) - 1
         return case in (0, last, self.cases - 2 - last, self.cases - 2, self.cases - 1)
 
 
 @dataclass(frozen=True)
 class _CovarianceParts:
-    """What all points share: the flight without noise, and Θ and the two parts of V per unit of variance."""
+    """Common to all points: the simulation without noise, Θ (3m, 12), and the two parts of V (3m, 3m) per unit variance."""
 
     flown: NoiseFreeSimulation
     problem: Problem
@@ -84,25 +83,26 @@ class _CovarianceParts:
 
 @build_once
 def _prepare_covariances(config: NoiseConfig, flown: NoiseFreeSimulation) -> _CovarianceParts:
+    """Compute Θ and both parts of V at the true parameters, once for all points."""
     prepared = prepare_measurements(flown.plain)
     problem = Problem.build(flown.plain, prepared)
-    pass_ = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
-    where, units = problem.references[:3], np.tile(np.eye(3), (len(problem.A), 1, 1))
+    propagation = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
+    residual_indices, unit_variance = problem.references[:3], np.tile(np.eye(3), (len(problem.A), 1, 1))
     walk = integrate_white_noise(prepared.elapsed_s, 1.0)
-    V_reference = compute_residual_covariance(pass_.R, *where, units, 0.0 * walk)
-    V_gyro = compute_residual_covariance(pass_.R, *where, 0.0 * units, walk)
-    Theta = accumulation.build_sensitivity(pass_.S, problem.columns, problem.scale)
+    V_reference = compute_residual_covariance(propagation.R, *residual_indices, unit_variance, 0.0 * walk)
+    V_gyro = compute_residual_covariance(propagation.R, *residual_indices, 0.0 * unit_variance, walk)
+    Theta = accumulation.build_sensitivity(propagation.S, problem.columns, problem.scale)
     return _CovarianceParts(flown, problem, Theta, V_reference, V_gyro)
 
 
 def estimate_flight_noise(config: NoiseConfig) -> tuple[float, float]:
-    """ARW (deg/sqrt(s)) of the flight's residuals, and the scenario's reference sigma (deg) as the root mean square axis."""
+    """Estimate the ARW (deg/sqrt(s)) of the flight's residuals, and the scenario's RMS reference sigma (deg)."""
     sigma = load_base_scenario(config).reference.sigma_deg
     return flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"], float(np.sqrt(np.mean(np.square(sigma))))
 
 
 def compute_formal_sigmas(prepared: _CovarianceParts, arw: float, sigma: float) -> tuple[Array, Array]:
-    """Formal sigma (12,), G dimensionless and b rad/s, and the gyro's share (12,) of each parameter's variance.
+    """Compute the formal sigma (12,), G dimensionless and b rad/s, and the gyro's share (12,) of each variance.
 
     The arw is in rad/√s, the sigma of a reference attitude about each axis in rad.
     """
@@ -114,7 +114,7 @@ def compute_formal_sigmas(prepared: _CovarianceParts, arw: float, sigma: float) 
 
 
 def run_case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, object]:
-    """Formal sigmas at a point, the gyro's shares, and at some points the spread over seeds (missing elsewhere)."""
+    """Compute formal sigmas and the gyro's shares at a point, and at some points the spread over seeds."""
     prepared = _prepare_covariances(config, case)
     arw_deg, sigma_deg = config.points()[case]
     sigmas, shares = compute_formal_sigmas(prepared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
@@ -130,38 +130,39 @@ def run_case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, obje
 def simulate_estimates(
     config: NoiseConfig, prepared: _CovarianceParts, arw_deg: float, sigma_deg: float, streams: Streams
 ) -> Array:
-    """(seeds, 12) estimates after two iterations from the a-priori parameters; G dimensionless, b rad/s."""
+    """Simulate (seeds, 12) estimates after two iterations from the a-priori parameters; G dimensionless, b rad/s."""
     levels = {"gyro.arw_deg_per_sqrt_s": arw_deg} | {f"reference.sigma_deg.{axis}": sigma_deg for axis in range(3)}
     flown = replace(prepared.flown, scenario=override(prepared.flown.scenario, levels))
     variance = np.tile(np.deg2rad(sigma_deg) ** 2 * np.eye(3), (len(prepared.problem.A), 1, 1))
     problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), noise=variance)
     noise = make_noise_generators(streams)
     cases = (problem.replace_case(*flown.realise(noise)) for _ in range(config.seeds))
-    return np.array([one.iterate(flown.initial, 2).check_convergence().x[-1] for one in cases])
+    return np.array([case.iterate(flown.initial, 2).check_convergence().x[-1] for case in cases])
 
 
 STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, run_case)
 
 
 def _select_flight_row(rows: pd.DataFrame) -> pd.Series:
-    chosen = rows[rows["flight"]]
-    if len(chosen) != 1:
+    """Return the row with the flight's own noise."""
+    flight_rows = rows[rows["flight"]]
+    if len(flight_rows) != 1:
         raise InputError("noise: the case with the flight's noise failed; run the study again with its failed cases")
-    return chosen.iloc[0]
+    return flight_rows.iloc[0]
 
 
 def build_flight_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """The twelve parameters at the flight's own noise."""
+    """Build the table of the twelve parameters at the flight's own noise."""
     flown = _select_flight_row(rows)
     keys = {"sigma": SIGMAS, "spread": SPREADS, "gyro_share": GYRO_SHARE_COLUMNS}
-    values = {name: flown[own].to_numpy(float) for name, own in keys.items()}
+    values = {name: flown[columns].to_numpy(float) for name, columns in keys.items()}
     table = pd.DataFrame({"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **values})
     limited = np.where(table["gyro_share"] > 0.5, "gyro", "references")
     return table.assign(limited_by=limited, crossing_arw_deg_per_sqrt_s=find_share_crossings(rows) * flown["sigma_deg"])
 
 
 def find_share_crossings(rows: pd.DataFrame) -> Array:
-    """(12,) ARW/σ_ref, 1/sqrt(s), where the gyro's share is one half, interpolated in its logarithm; NaN outside the grid."""
+    """Find (12,) ARW/σ_ref, 1/sqrt(s), at a gyro's share of one half, interpolated; NaN outside the grid."""
     ratio = np.log((rows["arw_deg_per_sqrt_s"] / rows["sigma_deg"]).to_numpy())
     order = np.argsort(ratio)
     shares = rows[GYRO_SHARE_COLUMNS].to_numpy()[order]
@@ -171,14 +172,14 @@ def find_share_crossings(rows: pd.DataFrame) -> Array:
 
 
 def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """Spread over seeds with its χ² interval, and whether the formal sigma is inside, a row a point and parameter.
+    """Build the spread over seeds with its χ² interval, a row a point and parameter, and test the formal sigma.
 
     The intervals have the stated confidence all together.
     """
-    chosen = rows[rows["seeds"] > 0]
-    tail = (1 - config.confidence) / (2 * len(NAMES) * max(len(chosen), 1))
+    points = rows[rows["seeds"] > 0]
+    tail = (1 - config.confidence) / (2 * len(NAMES) * max(len(points), 1))
     out = []
-    for point in chosen.to_dict("records"):
+    for point in points.to_dict("records"):
         dof = point["seeds"] - 1
         high, low = np.sqrt(dof / scipy.stats.chi2.ppf([tail, 1 - tail], dof))
         sigma, spread = (np.array([point[key] for key in keys]) for keys in (SIGMAS, SPREADS))
@@ -197,43 +198,44 @@ SPREAD_NOTE = "The bounds of the formal sigma by the spread over seeds are those
 
 
 def _build_checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
+    """Build the checks: the flight's noise, the parameters it limits, and formal sigmas against the spread."""
     table, flown = build_flight_table(rows), _select_flight_row(rows)
-    out = [Check("ARW of the flight", flown["arw_deg_per_sqrt_s"], None, "deg/√s")]
-    out.append(Check("sigma of its references", flown["sigma_deg"], None, "deg"))
+    checks = [Check("ARW of the flight", flown["arw_deg_per_sqrt_s"], None, "deg/√s")]
+    checks.append(Check("sigma of its references", flown["sigma_deg"], None, "deg"))
     limited = int((table["limited_by"] == "gyro").sum())
-    out.append(Check("parameters limited by the gyro at the flight's noise", limited, None, f"of {len(table)}"))
+    checks.append(Check("parameters limited by the gyro at the flight's noise", limited, None, f"of {len(table)}"))
     count, inside = len(spreads), int(spreads["inside"].sum())
-    out.append(Check(f"formal sigmas within the spread's interval, of {count}", inside, (count, count), "", SPREAD_NOTE))
-    return [*out, *check_extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
+    checks.append(Check(f"formal sigmas within the spread's interval, of {count}", inside, (count, count), "", SPREAD_NOTE))
+    return [*checks, *check_extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
 
 
 def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
-    """Sigmas at the flight's noise, what limits them, scaling laws, and the spread that confirms them."""
+    """Report the sigmas at the flight's noise, the limiting noise, and the spread that confirms them."""
     spreads = build_spread_table(config, rows)
     table = Table("Sigma of each parameter at the flight's own noise", build_flight_table(rows), FLIGHT_NOTE)
     return Report({"flight": table}, {"sigma_over_arw": _draw_figure(rows, spreads)}, tuple(_build_checks(rows, spreads)))
 
 
 def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
-    """Largest sigma of each group of parameters over ARW, a line for each reference sigma."""
+    """Draw the largest sigma of each group of parameters over ARW, a line for each reference sigma."""
     grid = rows[~rows["flight"]].sort_values("arw_deg_per_sqrt_s")
     shades = panels.make_shades(sorted(grid["sigma_deg"].unique()))
     axes: dict[str, Any] = {"log": "xy", "x": "ARW (deg/√s)", "at": [_select_flight_row(rows)["arw_deg_per_sqrt_s"]]}
-    drawn = []
+    curves = []
     for group, members in PARAMETER_GROUPS.items():
         keys = [SIGMAS[NAMES.index(name)] for name in members]
         lines = []
         for level, colour in shades.items():
             part = grid[grid["sigma_deg"] == level]
             lines.append(Line(part["arw_deg_per_sqrt_s"], part[keys].max(axis=1), f"{level:g}", colour))
-        chosen = spreads[spreads["parameter"].isin(members)].sort_values("sigma")
-        worst = chosen.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
+        group_spreads = spreads[spreads["parameter"].isin(members)].sort_values("sigma")
+        worst = group_spreads.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
         ranges = worst["spread_low"], worst["spread_high"], True
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
-        drawn.append(panels.make_curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    key: dict[str, Any] = {"legend": "outside right center", "legend_title": "reference\nsigma (deg)"}
-    return panels.build_sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", **key)
+        curves.append(panels.make_curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
+    legend: dict[str, Any] = {"legend": "outside right center", "legend_title": "reference\nsigma (deg)"}
+    return panels.build_sheet(*curves, size=(8.6, 3.2), title="dotted: the flight's ARW", **legend)
 
 
 ENTRY = Entry(STUDY, "how gyro and reference noise limit each parameter", report)

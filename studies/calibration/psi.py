@@ -1,11 +1,11 @@
-"""Where linear ψ stops being good enough: slew rate × step × slew angle, noise-free.
+"""Limits of linear ψ over slew rate × step × slew angle, noise-free.
 
-The relative error of linear ψ is of the order |ω|Δt/2 (N 11), so after one iteration what it leaves of a correction ΔG grows
-with the slew rate and the step. Further iterations remove it, at another pass each: both are reported. Full ψ has an error of
-its own: a sample is the mean rate over the step, and holding it while the rate changes is wrong to second order in Δt.
+The relative error of linear ψ is of the order |ω|Δt/2 (N 11), so after one iteration the rest of a correction ΔG grows with the
+slew rate and the step. Further iterations remove it, each with another pass over the samples: both are reported. Full ψ has an
+error, too: a sample is the mean rate over the step, and holding it while the rate changes is wrong to second order in Δt.
 
-The slews of the scenario are flown at each rate and angle, their intervals made as long as that needs. Case i is point i of
-the grid, the angle slowest and the step fastest.
+The slews of the scenario are simulated at each rate and angle, with intervals as long as they need. Case i is point i of the
+grid; the angle varies slowest and the step fastest.
 """
 
 from contextlib import suppress
@@ -31,7 +31,7 @@ from studies.report.tables import Table, summarise_groups
 SLEW_RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 ANGLES_DEG = (45.0, 90.0, 180.0)
-GOOD_ENOUGH = 1e-5  # in G: a tenth of what the TRMM references allow to be known
+GOOD_ENOUGH = 1e-5  # in G: a tenth of the sigma that the TRMM references allow
 RAMP = 0.1
 SLEW_MARGIN_S = 60.0
 SUBSTEP_S = 0.5  # of the truth's integration
@@ -51,9 +51,9 @@ class PsiConfig(GridConfig):
 
 
 def scale_slew_angles(scenario: Scenario, angle_deg: float) -> Scenario:
-    """The scenario with its largest slew turning through the angle, and the others scaled with it.
+    """Scale the slews of a scenario so that the largest turns through the angle.
 
-    An `InputError` if the scenario has no slew.
+    Raises `InputError` if the scenario has no slew.
     """
     largest = max((abs(slew.angle_deg) for interval in scenario.interval for slew in interval.slew), default=0.0)
     if largest == 0:
@@ -67,26 +67,26 @@ def scale_slew_angles(scenario: Scenario, angle_deg: float) -> Scenario:
 
 
 def set_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
-    """The scenario with every slew coasting at the rate; arcs at constant rate between slews keep their length."""
+    """Return the scenario with every slew coasting at the rate; arcs at constant rate between slews keep their length."""
     changes: dict[str, float] = {}
     for k, interval in enumerate(scenario.interval):
         if not interval.slew:
             continue
-        clock, previous_stop = SLEW_MARGIN_S, None
+        time_s, previous_stop = SLEW_MARGIN_S, None
         for j, slew in enumerate(interval.slew):
-            if previous_stop is not None:
-                clock += slew.start_s - previous_stop
+            if previous_stop is not None:  # the arc between two slews keeps its length
+                time_s += slew.start_s - previous_stop
             duration = abs(slew.angle_deg) / (rate_deg_s * (1 - RAMP))
             path = f"interval.{k}.slew.{j}"
-            changes |= {f"{path}.start_s": clock, f"{path}.duration_s": duration, f"{path}.ramp_fraction": RAMP}
-            clock += duration
+            changes |= {f"{path}.start_s": time_s, f"{path}.duration_s": duration, f"{path}.ramp_fraction": RAMP}
+            time_s += duration
             previous_stop = slew.start_s + slew.duration_s
-        changes[f"interval.{k}.stop_s"] = interval.start_s + 8.0 * ceil((clock + SLEW_MARGIN_S) / 8.0)
+        changes[f"interval.{k}.stop_s"] = interval.start_s + 8.0 * ceil((time_s + SLEW_MARGIN_S) / 8.0)
     return override(scenario, changes)
 
 
 def compare_psi(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, float]:
-    """Both ψ at one slew rate and step: their largest difference in G after one iteration, and the converged error of each.
+    """Compare both ψ at a slew rate and step: largest difference in G after an iteration, and each converged error.
 
     Errors and numbers of iterations are NaN where it did not converge.
     """
@@ -96,7 +96,7 @@ def compare_psi(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[st
     row["G_difference"] = float(np.abs(linear - full).max())
     for psi in ("full", "linear"):
         row[f"{psi}_error_G"], row[f"{psi}_iterations"] = np.nan, np.nan
-        with suppress(InputError):  # diverged until the residual could not be linearised any more
+        with suppress(InputError):  # diverged so far that the residual cannot be linearised
             final = calibrate(recording, psi=psi, max_iterations=MAX_ITERATIONS)
             row[f"{psi}_error_G"] = float(np.abs(final.G - np.array(scenario.gyro.true_G)).max())
             row[f"{psi}_iterations"] = float(len(final.corrections)) if final.converged else np.nan
@@ -104,19 +104,19 @@ def compare_psi(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[st
 
 
 def simulate_noise_free(scenario: Scenario, rate_deg_s: float, step_s: float) -> Recording:
-    """The scenario without noise, its slews coasting at the rate, its gyro sampled at the step."""
+    """Simulate the scenario without noise, its slews coasting at the rate, its gyro sampled at the step."""
     changed = override(set_slew_rate(scenario, rate_deg_s), {"gyro.sample_s": step_s})
     return observe(changed, motion(changed, substeps=ceil(step_s / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
 
 
 def run_case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
-    """One point of the grid."""
+    """Compare both ψ at one point of the grid."""
     angle, rate, step = config.points()[number]
     return {"slew_angle_deg": angle} | compare_psi(scale_slew_angles(load_base_scenario(config), angle), rate, step)
 
 
 def make_case_recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
-    """The recording of one point of the grid."""
+    """Simulate the recording of one point of the grid."""
     angle, rate, step = config.points()[number]
     return simulate_noise_free(scale_slew_angles(load_base_scenario(config), angle), rate, step)
 
@@ -125,13 +125,13 @@ STUDY = Study("studies.calibration.psi:STUDY", PsiConfig, run_case, make_case_re
 
 
 def find_psi_limits(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per slew angle and step: the slew rate, and the angle per step, at which each ψ exceeds `GOOD_ENOUGH` in G.
+    """Find the slew rate, and angle per step, at which each ψ exceeds `GOOD_ENOUGH` in G, by slew angle and step.
 
     For linear ψ by its difference from full ψ after one iteration, for full ψ by its error when converged. NaN where the grid's
     rates do not reach it or begin above it.
     """
 
-    def line(part: pd.DataFrame) -> dict[str, object]:
+    def find_rates(part: pd.DataFrame) -> dict[str, object]:
         row: dict[str, object] = {}
         for psi, column in (("linear", "G_difference"), ("full", "full_error_G")):
             rate = find_level_crossing(part["slew_rate_deg_s"], part[column], GOOD_ENOUGH)
@@ -139,11 +139,11 @@ def find_psi_limits(rows: pd.DataFrame) -> pd.DataFrame:
         return row
 
     keys = ["slew_angle_deg", "step_s"]
-    return summarise_groups(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, line)
+    return summarise_groups(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, find_rates)
 
 
 def estimate_step_orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per slew angle and rate: the order in Δt of linear ψ's difference, and of full ψ's error when converged.
+    """Estimate the order in Δt of linear ψ's difference, and of full ψ's converged error, by slew angle and rate.
 
     Over the steps that resolve the slews' ramps; NaN where fewer than two do.
     """
@@ -152,10 +152,10 @@ def estimate_step_orders(rows: pd.DataFrame) -> pd.DataFrame:
     ramp_s = RAMP / (1 - RAMP) * rows["slew_angle_deg"] / rows["slew_rate_deg_s"]
     resolved = rows[ramp_s >= STEPS_PER_RAMP * rows["step_s"]]
 
-    def line(part: pd.DataFrame) -> dict[str, object]:
+    def fit_orders(part: pd.DataFrame) -> dict[str, object]:
         return {"steps": float(len(part)), **{name: fit_log_slope(part["step_s"], part[name]) for name in ORDERED}}
 
-    table = summarise_groups(resolved.sort_values(keys), keys, line)
+    table = summarise_groups(resolved.sort_values(keys), keys, fit_orders)
     return table.reindex(columns=[*keys, "steps", *ORDERED])
 
 
@@ -166,19 +166,22 @@ SECOND = "Holding the mean rate over a step is what limits full ψ, an error of 
 
 
 def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    """Check the limits and the orders in Δt of both ψ, the error at TRMM's rate and step, and convergence."""
     limit, slopes = find_psi_limits(rows), estimate_step_orders(rows)
-    at = f"a difference of {GOOD_ENOUGH:g} in G"
-    out = check_extremes(f"angle per step from which linear ψ exceeds {at}", limit["linear_angle_per_step_deg"], None, "deg")
-    out += check_extremes(f"angle per step from which full ψ exceeds {at}", limit["full_angle_per_step_deg"], None, "deg")
+    checks = []
+    for psi in ("linear", "full"):
+        name = f"angle per step from which {psi} ψ exceeds a difference of {GOOD_ENOUGH:g} in G"
+        checks += check_extremes(name, limit[f"{psi}_angle_per_step_deg"], None, "deg")
     trmm = rows[(rows["slew_rate_deg_s"] == FLOWN_RATE_AND_STEP[0]) & (rows["step_s"] == FLOWN_RATE_AND_STEP[1])]
     name = "G_difference of linear ψ at TRMM's rate and step, largest"
-    out.append(Check(name, trmm["G_difference"].max(), bound_above(GOOD_ENOUGH)))
-    out += check_extremes("order in Δt of linear ψ's difference in G", slopes["G_difference"], (0.9, 1.1), "", FIRST_ORDER_NOTE)
-    out += check_extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
-    out.append(Check("difference of the converged errors in G", (rows["linear_error_G"] - rows["full_error_G"]).abs().max()))
+    checks.append(Check(name, trmm["G_difference"].max(), bound_above(GOOD_ENOUGH)))
+    name = "order in Δt of linear ψ's difference in G"
+    checks += check_extremes(name, slopes["G_difference"], (0.9, 1.1), "", FIRST_ORDER_NOTE)
+    checks += check_extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
+    checks.append(Check("difference of the converged errors in G", (rows["linear_error_G"] - rows["full_error_G"]).abs().max()))
     for psi in ("full", "linear"):
-        out.append(Check(f"points at which {psi} ψ did not converge", rows[f"{psi}_iterations"].isna().sum(), (0, 0)))
-    return out
+        checks.append(Check(f"points at which {psi} ψ did not converge", rows[f"{psi}_iterations"].isna().sum(), (0, 0)))
+    return checks
 
 
 def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
@@ -191,10 +194,10 @@ ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle
 
 
 def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
-    """Linear ψ's difference from full ψ as a map, and with full ψ's own error over the angle per step; largest slew angle."""
-    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
+    """Draw linear ψ's difference as a map, and with full ψ's error over the angle per step; largest slew angle."""
+    largest_slew_rows = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
     difference_map = panels.make_heat_map(
-        shown.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
+        largest_slew_rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
         mark_above=GOOD_ENOUGH,
         log=True,
         title=f"|G(linear ψ) − G(full ψ)|, one iteration; ✗ above {GOOD_ENOUGH:.0e}",
@@ -202,12 +205,12 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
         y="slew rate (deg/s)",
     )
     lines = []
-    for rate, colour in panels.make_shades(sorted(set(shown["slew_rate_deg_s"]))).items():
-        part = shown[shown["slew_rate_deg_s"] == rate]
+    for rate, colour in panels.make_shades(sorted(set(largest_slew_rows["slew_rate_deg_s"]))).items():
+        part = largest_slew_rows[largest_slew_rows["slew_rate_deg_s"] == rate]
         lines.append(Line(part["angle_per_step_deg"], part["G_difference"], f"{rate:g} deg/s", colour))
         lines.append(Line(part["angle_per_step_deg"], part["full_error_G"], "", colour, ":"))
     axes: dict[str, Any] = {"log": "xy", "levels": [GOOD_ENOUGH], "legend": "lower right"}
     axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
     curves = panels.make_curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
-    title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
+    title = f"Slews of up to {largest_slew_rows['slew_angle_deg'].iloc[0]:g}°, no noise"
     return panels.build_sheet(difference_map, curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

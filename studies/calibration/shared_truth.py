@@ -1,4 +1,4 @@
-"""What studies and their cases share: kinds of settings, and a scenario flown without noise with what is built on it."""
+"""Common parts of the studies: kinds of settings, and the noise-free simulation of a scenario that cases build on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,22 +41,19 @@ Built = TypeVar("Built")
 
 
 def get_true_parameters(scenario: Scenario) -> GyroParameters:
-    """G and b of a scenario's gyro."""
+    """Return G and b of a scenario's gyro."""
     return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
 def require_converged(result: CalibrationResult) -> CalibrationResult:
-    """A calibration that was to converge, if it did: one that did not is a failed case, not a row like the others.
-
-    An `InputError` if it did not.
-    """
+    """Return a calibration that converged; otherwise raise `InputError`, which makes the case a failed one."""
     if not result.converged:
         raise InputError(f"diverged: the calibration still moves after {len(result.corrections)} iterations")
     return result
 
 
 def compute_rms(values: ArrayLike) -> float:
-    """Root mean square."""
+    """Compute the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -64,22 +61,22 @@ def compute_rms(values: ArrayLike) -> float:
 def get_workspace(name: object, shape: tuple[int, ...]) -> Array:
     """Return this process' array of that name and shape, uninitialised when it is new; the next case overwrites it.
 
-    A case's arrays are a megabyte or two, and depending on the heap's layout they go back to the system each time, at a page
-    fault for every 4 KiB when they return: more than the case's own work.
+    A case's arrays are a megabyte or two. Depending on the heap's layout they are returned to the system after each case, and
+    allocating them again costs a page fault for every 4 KiB: more than the case's own work.
     """
     return np.empty(shape)
 
 
 def make_noise_generators(streams: Streams) -> Noise:
-    """The generators of a case's gyro noise and reference noise, each at its start."""
+    """Make the generators of a case's gyro noise and reference noise, each at its start."""
     return streams.generator("gyro_noise"), streams.generator("reference_noise")
 
 
 @dataclass(frozen=True)
 class NoiseFreeSimulation:
-    """A scenario flown without noise."""
+    """A scenario simulated without noise."""
 
-    scenario: Scenario  # scenario, motion: what was flown
+    scenario: Scenario  # scenario, motion: as simulated
     motion: Motion
     plain: Recording  # its recording without noise
     rates: Array  # (n, 3) noise-free raw rates, rad/s
@@ -88,15 +85,15 @@ class NoiseFreeSimulation:
 
     @classmethod
     def simulate(cls, scenario: Scenario) -> Self:
-        """Fly a scenario."""
-        path = simulate_case_motion(scenario)
-        plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
-        rates = compute_noise_free_rates(scenario, path)
+        """Simulate a scenario."""
+        motion = simulate_case_motion(scenario)
+        plain = observe(scenario, motion, gyro_rng=None, reference_rng=None)
+        rates = compute_noise_free_rates(scenario, motion)
         initial = GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias)
-        return cls(scenario, path, plain, rates, get_true_parameters(scenario).vector, initial.vector)
+        return cls(scenario, motion, plain, rates, get_true_parameters(scenario).vector, initial.vector)
 
     def realise(self, noise: Noise | None = None, out: Array | None = None) -> tuple[Array, Array]:
-        """Raw rates (n, 3) and reference attitudes (m, 3, 3) with noise from these generators, or without any."""
+        """Compute raw rates (n, 3) and reference attitudes (m, 3, 3), with noise if there are generators."""
         rates, quaternions = realise(self.scenario, self.motion, self.rates, *(noise or (None, None)), out=out)
         return rates, attitude.matrix_from_quaternion(quaternions)
 

@@ -14,14 +14,14 @@ SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.9973002039
 
 
 def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
-    """Count the |e| within the level's k sigma, and all of them."""
+    """Count the errors within the level's k sigma, and all errors."""
     k = scipy.special.ndtri(0.5 + SIGMA_LEVELS[level] / 2)
     inside = np.abs(errors) <= k * sigmas
     return int(inside.sum()), int(inside.size)
 
 
 def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
-    """Bias, spread, formal sigma and coverage of each parameter over the cases, from errors and sigmas (n, p)."""
+    """Tabulate bias, spread, formal sigma and coverage of each parameter over cases, from errors and sigmas (n, p)."""
     bias, spread = errors.mean(axis=0), errors.std(axis=0, ddof=1)
     standard_error = spread / np.sqrt(len(errors))
     table = pd.DataFrame(
@@ -45,7 +45,7 @@ def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units:
 
 
 def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
-    """Mean, standard deviation and 5–95 % range of each column of samples (n, cells), and where the flight's (cells,) fall.
+    """Compute mean, deviation, 5–95 % range of each column of samples (n, cells), and the percentiles of flight (cells,).
 
     flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
     """
@@ -66,25 +66,25 @@ def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.Da
 
 
 def summarise_with_flight(values: pd.Series, flight: float) -> dict[str, float]:
-    """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
+    """Compute median and 5–95 % range of simulated values, and the percentage below the flight's; NaN without it."""
     low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
     percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
     return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
 
 
 def fit_log_slope(x: ArrayLike, y: ArrayLike) -> float:
-    """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
+    """Fit the slope of log y over log x by least squares: n of y ∝ xⁿ; NaN from fewer than two points above zero."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    good = (x > 0) & (y > 0)
-    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
+    is_positive = (x > 0) & (y > 0)
+    return float(np.polyfit(np.log(x[is_positive]), np.log(y[is_positive]), 1)[0]) if is_positive.sum() > 1 else float("nan")
 
 
 def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
     """Find the first x at which y rises through the level, interpolated in log x and log y; NaN if there is none."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
-    if above.size == 0:
+    crossings = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
+    if crossings.size == 0:
         return float("nan")
-    k = above[0]
-    share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
-    return float(x[k] * (x[k + 1] / x[k]) ** share)
+    k = crossings[0]
+    fraction = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
+    return float(x[k] * (x[k + 1] / x[k]) ** fraction)

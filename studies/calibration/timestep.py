@@ -1,15 +1,15 @@
-"""Skipping samples against averaging them, for steps of 0.5 to 8 s, over seeds.
+"""Skipping samples compared with averaging them, for steps of 0.5 to 8 s, over seeds.
 
 Skipping holds one sample over a step of f samples, as N section V did: the integrated gyro noise has f times the variance.
-Averaging uses them all: the noise stays, and what remains is the error of holding a mean rate over the step while the rate
-changes, of second order in Δt. A row is one case calibrated one way:
+Averaging uses them all: the noise does not change, and holding a mean rate over the step while the rate changes makes an error
+of second order in Δt. A row is one case calibrated one method:
 
-- ``error_``: recovered minus injected, of all noise
-- ``gyro_``: the same of the gyro's noise alone, the references being exact
+- ``error_``: recovered minus injected, with all noise
+- ``gyro_``: the same with the gyro's noise alone and exact references
 - ``held_``: the same without noise, which is the bias that the step itself makes
 - ``sigma_``: the formal sigma; ``nees`` that of the error
-- ``step_arw_deg_per_sqrt_s``: the angle random walk by the spread of the 18 pre-launch residuals between this step and the next
-  finer one, both by skipping, as `studies.natanson.flight_gap.estimate_noise_from_steps` takes it from the flight
+- ``step_arw_deg_per_sqrt_s``: the angle random walk from the spread of the 18 pre-launch residuals between this step and the
+  next finer one, both by skipping, as `studies.natanson.flight_gap.estimate_noise_from_steps` computes it for the flight
 
 G is dimensionless, b in deg/s.
 """
@@ -37,7 +37,7 @@ from studies.report.panels import Line
 from studies.report.tables import Table
 from studies.report.units import ONE_DEG_S, ONE_DEG_S_NAMES
 
-Way = tuple[float, Resampling]
+StepMethod = tuple[float, Resampling]  # step, s, and resampling of a calibration
 
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 CALIBRATION_ITERATIONS = 3  # leaves less than 1e-6 sigma; see studies.calibration.iterations
@@ -50,61 +50,62 @@ class TimestepConfig(StudyConfig):
     cases: int = 100
     steps_s: Rising = STEPS_S  # step sizes, rising
 
-    def ways(self, sample_s: float) -> list[Way]:
-        """Every way a case is calibrated; the sample itself is neither skipped nor averaged, and under "skip"."""
+    def list_methods(self, sample_s: float) -> list[StepMethod]:
+        """List the methods of calibrating a case; the sample's own step is under "skip" alone."""
         return [(step, "skip") for step in self.steps_s] + [(step, "average") for step in self.steps_s if step > sample_s]
 
 
 @dataclass(frozen=True)
 class _TimestepProblems:
-    """What cases with the same scenario share."""
+    """Common to the cases of a scenario."""
 
     flown: NoiseFreeSimulation  # the scenario without noise
     T_s: Array  # (m, 1) time between the references of each residual
-    problems: dict[Way, Problem]  # of each way
-    held: dict[Way, Array]  # (12,) noise-free error of each way
+    problems: dict[StepMethod, Problem]  # of each method
+    held: dict[StepMethod, Array]  # (12,) noise-free error of each method
 
 
 @build_once
 def _prepare_problems(config: TimestepConfig, flown: NoiseFreeSimulation) -> _TimestepProblems:
-    measured = {way: prepare_measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
-    problems = {way: Problem.build(flown.plain, one) for way, one in measured.items()}
+    methods = config.list_methods(flown.scenario.gyro.sample_s)
+    prepared = {method: prepare_measurements(flown.plain, *method) for method in methods}
+    problems = {method: Problem.build(flown.plain, measurements) for method, measurements in prepared.items()}
     held = {
-        way: problem.iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence().x[-1] - flown.truth
-        for way, problem in problems.items()
+        method: problem.iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence().x[-1] - flown.truth
+        for method, problem in problems.items()
     }
-    return _TimestepProblems(flown, next(iter(measured.values())).elapsed_s[:, None], problems, held)
+    return _TimestepProblems(flown, next(iter(prepared.values())).elapsed_s[:, None], problems, held)
 
 
 def run_case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str, object]]:
-    """One case: a row for each way."""
+    """Calibrate a case by each method, a row each."""
     prepared = _prepare_problems(config, number)
     flown, sample_s = prepared.flown, prepared.flown.scenario.gyro.sample_s
     (rates, A), (_, A_true) = flown.realise(make_noise_generators(streams)), flown.realise()
     rows: list[dict[str, object]] = []
-    finer: tuple[float, Array] | None = None
-    for way, problem in prepared.problems.items():
-        step, resampling = way
+    previous: tuple[float, Array] | None = None
+    for method, problem in prepared.problems.items():
+        step, resampling = method
         result = problem.replace_case(rates, A).iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence()
-        gyro = problem.replace_case(rates, A_true).iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence()
+        gyro_result = problem.replace_case(rates, A_true).iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence()
         arw = np.nan
         if resampling == "skip":
-            if finer is not None:
-                arw = compute_step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
-            finer = step, result.theta[0]
+            if previous is not None:
+                arw = compute_step_arw(result.theta[0] - previous[1], prepared.T_s, (step - previous[0]) / sample_s)
+            previous = step, result.theta[0]
         row: dict[str, object] = {
             "step_s": step,
             "resampling": resampling,
-            **_compute_errors(flown.truth, result, gyro, prepared.held[way]),
+            **_compute_errors(flown.truth, result, gyro_result, prepared.held[method]),
         }
         rows.append(row | {"step_arw_deg_per_sqrt_s": arw})
     return rows
 
 
-def _compute_errors(truth: Array, result: Iterates, gyro: Iterates, held: Array) -> dict[str, float]:
-    """Errors, sigmas and NEES of one way."""
+def _compute_errors(truth: Array, result: Iterates, gyro_result: Iterates, held: Array) -> dict[str, float]:
+    """Compute errors, sigmas and NEES of one method."""
     sigma, error = np.sqrt(np.diag(result.P)), result.x[-1] - truth
-    columns = {"error": error, "gyro": gyro.x[-1] - truth, "held": held, "sigma": sigma}
+    columns = {"error": error, "gyro": gyro_result.x[-1] - truth, "held": held, "sigma": sigma}
     out = {
         f"{label}_{name}": float(value)
         for label, vector in columns.items()
@@ -114,10 +115,10 @@ def _compute_errors(truth: Array, result: Iterates, gyro: Iterates, held: Array)
 
 
 def compute_step_arw(difference: Array, T_s: Array, samples: float) -> float:
-    """Angle random walk from residuals (m, 3) rad of two skipped steps, `samples` samples apart, over T_s (m, 1); deg/√s.
+    """Compute the ARW, deg/√s, from differences (m, 3) rad of residuals of two skipped steps, over T_s (m, 1).
 
-    A step of f samples held by skipping has f times the noise variance ARW² T of the full stream, and shares with a finer step
-    just so much that their difference has the variance (f₂ − f₁) ARW² T.
+    A step of f samples held by skipping has f times the noise variance ARW² T of the full stream. Its noise is correlated with
+    that of a finer step so that their difference has the variance (f₂ − f₁) ARW² T.
     """
     return float(np.rad2deg(np.sqrt(np.mean(difference**2 / (samples * T_s)))))
 
@@ -126,7 +127,7 @@ STUDY = Study("studies.calibration.timestep:STUDY", TimestepConfig, run_case, ob
 
 
 def select_step(rows: pd.DataFrame, step_s: float, resampling: str) -> pd.DataFrame:
-    """Rows of one way; those of the full stream, for which there is but one, under either name."""
+    """Select the rows of one method; those of the full stream under either name."""
     of_step = rows[rows["step_s"] == step_s]
     return of_step[of_step["resampling"] == resampling] if resampling in set(of_step["resampling"]) else of_step
 
@@ -136,7 +137,7 @@ def _select_columns(rows: pd.DataFrame, label: str) -> Array:
 
 
 def tabulate_parameter_biases(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per way and parameter: bias with its standard error, the bias without noise, spread, formal sigma."""
+    """Build a row per method and parameter: bias with its standard error, the bias without noise, spread, formal sigma."""
     out = []
     for (resampling, step), part in rows.groupby(["resampling", "step_s"]):
         error, gyro, held, sigma = (_select_columns(part, label) for label in ("error", "gyro", "held", "sigma"))
@@ -155,29 +156,30 @@ def tabulate_parameter_biases(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per way and step: held_sigma is the largest noise-free error, in formal sigmas.
+    """Build a row per method and step: held_sigma is the largest noise-free error, in formal sigmas.
 
     bias_z is the largest difference of the mean and the noise-free error in standard errors. The ratios are the spread and the
     gyro noise's part of it, over those of the full stream; they and spread_over_formal are RMS over the parameters.
     """
     table = tabulate_parameter_biases(rows)
     finest = rows["step_s"].min()
-    whole = table[table["step_s"] == finest].groupby("parameter", sort=False).first()
+    full_stream = table[table["step_s"] == finest].groupby("parameter", sort=False).first()
     out = []
     for resampling in ("skip", "average"):
         for step in sorted(set(rows["step_s"])):
             part = select_step(rows, step, resampling)
-            own = table[(table["step_s"] == step) & (table["resampling"] == part["resampling"].iloc[0])].set_index("parameter")
+            is_row = (table["step_s"] == step) & (table["resampling"] == part["resampling"].iloc[0])
+            values = table[is_row].set_index("parameter")
             check = statistics.check_mean_nees(part["nees"].to_numpy(), len(NAMES))
             out.append(
                 {
                     "resampling": resampling,
                     "step_s": step,
-                    "held_sigma": (own["held"].abs() / own["formal_sigma"]).max(),
-                    "bias_z": ((own["bias"] - own["held"]).abs() / own["standard_error"]).max(),
-                    "spread_over_formal": compute_rms(own["spread"] / own["formal_sigma"]),
-                    "spread_ratio": compute_rms(own["spread"] / whole["spread"]),
-                    "gyro_ratio": compute_rms(own["gyro_spread"] / whole["gyro_spread"]),
+                    "held_sigma": (values["held"].abs() / values["formal_sigma"]).max(),
+                    "bias_z": ((values["bias"] - values["held"]).abs() / values["standard_error"]).max(),
+                    "spread_over_formal": compute_rms(values["spread"] / values["formal_sigma"]),
+                    "spread_ratio": compute_rms(values["spread"] / full_stream["spread"]),
+                    "gyro_ratio": compute_rms(values["gyro_spread"] / full_stream["gyro_spread"]),
                     "nees": check.value,
                     "nees_lower": check.lower,
                     "nees_upper": check.upper,
@@ -187,7 +189,7 @@ def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimate_gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
-    """Order in Δt of the gyro noise's part of the spread, and its standard error by leaving out one case at a time."""
+    """Estimate the order in Δt of the gyro noise's part of the spread, and its standard error by the jackknife."""
     steps = sorted(set(rows["step_s"]))
     parts = [select_step(rows, step, resampling).sort_values("case") for step in steps]
     squares = np.stack([(_select_columns(part, "gyro") - _select_columns(part, "held")) ** 2 for part in parts])
@@ -196,23 +198,23 @@ def estimate_gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, flo
     if n < 2 or len(steps) < 2:
         return float("nan"), float("nan")
 
-    def slopes(of: Array) -> Array:
-        ratio = np.sqrt(np.mean(of / of[:1], axis=-1))
+    def fit_orders(sums_of_squares: Array) -> Array:
+        ratio = np.sqrt(np.mean(sums_of_squares / sums_of_squares[:1], axis=-1))
         return np.asarray(np.polyfit(np.log(steps), np.log(ratio), 1)[0])
 
-    without = slopes(sums[:, None] - squares)
-    return float(slopes(sums[:, None])[0]), float(np.sqrt((n - 1) * np.var(without)))
+    leave_one_out = fit_orders(sums[:, None] - squares)  # (cases,) orders without each case, for the jackknife
+    return float(fit_orders(sums[:, None])[0]), float(np.sqrt((n - 1) * np.var(leave_one_out)))
 
 
 def estimate_step_noise(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per step: the angle random walk by the spread to the next finer one, simulated and, where both flew, in flight."""
+    """Estimate the angle random walk from the spread to the next finer step, simulated and, if known, in flight."""
     out = []
     skipped = rows[rows["resampling"] == "skip"]
     for finer, step in pairwise(sorted(set(skipped["step_s"]))):
         values = skipped[skipped["step_s"] == step]["step_arw_deg_per_sqrt_s"]
         flown = np.nan
         if finer in flight.FLIGHT_STEPS_S and step in flight.FLIGHT_STEPS_S:
-            coarse, fine = (flight.read_published_residuals("prelaunch", one) for one in (step, finer))
+            coarse, fine = (flight.read_published_residuals("prelaunch", step_size) for step_size in (step, finer))
             T_s, samples = flight.compute_interval_durations()[:, None], (step - finer) / flight.FLIGHT_STEPS_S[0]
             flown = compute_step_arw(np.deg2rad(coarse - fine), T_s, samples)
         out.append({"from_s": finer, "to_s": step, **summarise_with_flight(values, flown)})
@@ -227,25 +229,27 @@ FLOWN_ARW_NOTE = "The bounds of the flight's angle random walk are the 5 % and 9
 
 
 def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    """Check the orders in Δt of noise and bias, the mean errors, NEES, and the flight's angle random walk."""
     table, steps = summarise_steps(rows), estimate_step_noise(rows)
-    out = []
-    for way, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
-        power, uncertain = estimate_gyro_order(rows, way)
-        bounds, name = bound_near(expected, 4 * uncertain + slack), f"order in Δt of the gyro noise's part of the spread, {way}"
-        out.append(Check(name, power, bounds, meaning=NOISE_GROWTH_NOTE))
+    checks = []
+    for method, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
+        power, uncertain = estimate_gyro_order(rows, method)
+        name = f"order in Δt of the gyro noise's part of the spread, {method}"
+        checks.append(Check(name, power, bound_near(expected, 4 * uncertain + slack), meaning=NOISE_GROWTH_NOTE))
     average = table[table["resampling"] == "average"]
-    held = average["step_s"], average["held_sigma"]
-    out.append(Check("order in Δt of the bias without noise, average", fit_log_slope(*held), (1.9, 2.1), meaning=BIAS))
-    out.append(Check(f"step from which that bias exceeds {LIMIT:g} formal sigma", find_level_crossing(*held, LIMIT), None, "s"))
+    biases = average["step_s"], average["held_sigma"]
+    checks.append(Check("order in Δt of the bias without noise, average", fit_log_slope(*biases), (1.9, 2.1), meaning=BIAS))
+    name = f"step from which that bias exceeds {LIMIT:g} formal sigma"
+    checks.append(Check(name, find_level_crossing(*biases, LIMIT), None, "s"))
     largest = table["bias_z"].max()
-    out.append(Check("mean error less the bias without noise, largest", largest, bound_above(4), "standard errors"))
-    out += check_extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
+    checks.append(Check("mean error less the bias without noise, largest", largest, bound_above(4), "standard errors"))
+    checks += check_extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
     for row in steps[steps["flight"].notna()].to_dict("records"):
         name = f"angle random walk of the flight by its spread from {row['from_s']:g} to {row['to_s']:g} s"
-        out.append(Check(name, row["flight"], (row["p05"], row["p95"]), "deg/√s", FLOWN_ARW_NOTE))
+        checks.append(Check(name, row["flight"], (row["p05"], row["p95"]), "deg/√s", FLOWN_ARW_NOTE))
     noise = flight_gap.estimate_noise_from_steps()
-    out.append(Check("angle random walk of the flight by all its spreads", noise["arw_deg_per_sqrt_s"], None, "deg/√s"))
-    return [*out, Check("relative standard error of that", noise["relative_sigma"])]
+    checks.append(Check("angle random walk of the flight by all its spreads", noise["arw_deg_per_sqrt_s"], None, "deg/√s"))
+    return [*checks, Check("relative standard error of that", noise["relative_sigma"])]
 
 
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
@@ -261,21 +265,22 @@ RESAMPLING_STYLES = {"skip": (panels.RED, "o-"), "average": (panels.TEAL, "s-")}
 
 
 def _draw_figure(table: pd.DataFrame) -> panels.Draw:
-    """Noise, bias and NEES of skipping and averaging over the step."""
+    """Draw noise, bias and NEES of skipping and averaging over the step."""
 
-    def lines(name: str, dotted: bool = False) -> list[Line]:
-        parts = {way: table[table["resampling"] == way] for way in RESAMPLING_STYLES}
-        looks = {way: (colour, ":" if dotted else style) for way, (colour, style) in RESAMPLING_STYLES.items()}
-        return [Line(part["step_s"], part[name], "" if dotted else way, *looks[way]) for way, part in parts.items()]
+    def build_lines(name: str, dotted: bool = False) -> list[Line]:
+        parts = {method: table[table["resampling"] == method] for method in RESAMPLING_STYLES}
+        styles = {method: (colour, ":" if dotted else style) for method, (colour, style) in RESAMPLING_STYLES.items()}
+        return [Line(part["step_s"], part[name], "" if dotted else method, *styles[method]) for method, part in parts.items()]
 
     steps = sorted(set(table["step_s"]))
-    noise = [*lines("gyro_ratio"), *lines("spread_ratio", dotted=True), panels.make_power_law(steps, 0.5, label="sqrt Δt")]
+    noise, bias = [*build_lines("gyro_ratio"), *build_lines("spread_ratio", dotted=True)], build_lines("held_sigma")
+    noise.append(panels.make_power_law(steps, 0.5, label="sqrt Δt"))
     axes: dict[str, Any] = {"x": "step Δt (s)", "ticks": steps}
-    key: dict[str, Any] = {"legend": "upper left", "legend_title": "solid: gyro's part; dotted: all"}
+    legend: dict[str, Any] = {"legend": "upper left", "legend_title": "solid: gyro's part; dotted: all"}
     inside = (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0])
     return panels.build_sheet(
-        panels.make_curves(noise, log="xy", title="noise / that of the full stream", **key, **axes),
-        panels.make_curves(lines("held_sigma"), log="xy", levels=[LIMIT], title="bias without noise (formal sigma)", **axes),
-        panels.make_curves(lines("nees"), inside, log="x", title="mean NEES; grey: 99 % bounds", **axes),
+        panels.make_curves(noise, log="xy", title="noise / that of the full stream", **legend, **axes),
+        panels.make_curves(bias, log="xy", levels=[LIMIT], title="bias without noise (formal sigma)", **axes),
+        panels.make_curves(build_lines("nees"), inside, log="x", title="mean NEES; grey: 99 % bounds", **axes),
         size=(9.6, 3.2),
     )

@@ -42,28 +42,28 @@ def command(
     from studies.allan.analysis import estimate_noise_terms
     from studies.allan.report import build_allan_page, draw_allan_figure
 
-    found = estimate_noise_terms(loaded, interval)
-    write_result(found.to_json(), as_json, partial(build_allan_page, found), report, loaded)
+    analysis = estimate_noise_terms(loaded, interval)
+    write_result(analysis.to_json(), as_json, partial(build_allan_page, analysis), report, loaded)
     if figure:
         from studies.report.panels import save
 
-        save(draw_allan_figure(found), figure)
+        save(draw_allan_figure(analysis), figure)
 
 
 def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
-    """A recording, which may do without references, or one of a table of the gyro alone."""
-    given = {name: value for name, value in options.items() if value is not None}
+    """Load a recording, which may have no references, or build one from a table of the gyro alone."""
+    given_options = {name: value for name, value in options.items() if value is not None}
     if not path.is_file():
-        if given:
+        if given_options:
             raise InputError(
-                f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given)}: for a CSV table; {path} is none"
+                f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given_options)}: for a CSV table; {path} is none"
             )
         return load(path, without_references=True)
 
     from gyrocal import importing
 
-    file = given.pop("file", None)
-    loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
+    file = given_options.pop("file", None)
+    loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given_options)
     for text in assumed:
         click.echo(f"Assumed: {text}.")
     return loaded

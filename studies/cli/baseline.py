@@ -1,4 +1,4 @@
-"""The command ``gyrocal baseline``: whether recordings and studies still give the values that are stored of them."""
+"""The command ``gyrocal baseline``: recordings and studies compared with their stored values."""
 
 from pathlib import Path
 
@@ -32,18 +32,21 @@ def command(file: Path, write: bool, as_json: Path | None, junit: Path | None) -
     from studies.baseline import compare_baseline
     from studies.report import tables as render
 
-    found = compare_baseline(file, write)
-    for one in found:
-        if one.moved.empty:
-            click.echo(f"{one.name}: nothing moved")
+    results = compare_baseline(file, write)
+    for entry in results:
+        if entry.moved.empty:
+            click.echo(f"{entry.name}: nothing moved")
         else:
-            render.print_table(make_console(), f"{one.name}: {len(one.moved)} values moved", one.moved.head(SHOWN_LINES))
+            title = f"{entry.name}: {len(entry.moved)} values moved"
+            render.print_table(make_console(), title, entry.moved.head(SHOWN_LINES))
     if as_json:
-        write_json(as_json, {"file": str(file), "moved": {one.name: one.moved.to_dict("records") for one in found}})
+        moved = {entry.name: entry.moved.to_dict("records") for entry in results}
+        write_json(as_json, {"file": str(file), "moved": moved})
     if junit:
-        verdicts = [Verdict(f"{one.name}: {each.name}", each.failure) for one in found for each in one.verdicts]
+        pairs = [(entry.name, verdict) for entry in results for verdict in entry.verdicts]
+        verdicts = [Verdict(f"{name}: {verdict.name}", verdict.failure) for name, verdict in pairs]
         write_junit(junit, "gyrocal baseline", str(file), verdicts)
     if write:
         click.echo(f"{file.parent / 'expected'}: written")
-    elif not all(one.moved.empty for one in found):
+    elif not all(entry.moved.empty for entry in results):
         raise SystemExit(1)

@@ -26,9 +26,9 @@ from studies.cli.options import (
     write_result,
 )
 
-MOST_ITERATIONS = 1000  # a handful converge, or none do
-LARGEST = 1e6  # of what is plausible, or known before
-CONDITIONS = ("p", "condition")  # what --fail-on may ask
+MOST_ITERATIONS = 1000  # convergence takes a few, or does not happen
+LARGEST = 1e6  # of a plausible range or an a-priori sigma
+CONDITIONS = ("p", "condition")  # quantities of --fail-on
 
 
 @click.command("calibrate")
@@ -156,20 +156,11 @@ def command(
     if not all(0 < value < LARGEST for value in (plausible_g, plausible_bias) if value is not None):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     plausible_rate = None if plausible_bias is None else float(np.deg2rad(plausible_bias / 3600))
-    for text in fail_on:
-        parse_condition(text, CONDITIONS)
-    if against is None and (max_sigma is not None or max_change):
-        raise InputError("--max-sigma and --max-change limit a change: give the saved result with --against RESULT.json")
-    if max_sigma is not None and not 0 < max_sigma < LARGEST:
-        raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
-    for text in max_change:
-        from studies.report.calibration import parse_limit
-
-        parse_limit(text)
+    _check_conditions(fail_on, against, max_sigma, max_change)
     original = load(recording)
     for text in read_import_warnings(recording):
         click.echo(f"implausible: {text}")
-    known = _read_truth(truth) if truth else None
+    true_parameters = _read_truth(truth) if truth else None
 
     from diagnosis.plan.invisible import find_invisible_effects
     from gyrocal.calibration.change import compute_change
@@ -182,7 +173,7 @@ def command(
     from studies.report.pages import Section
 
     saved = read_calibration(against) if against else None
-    asked: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "solve_for": solve_for,
         "apriori_covariance": _build_prior(
             select(solve_for, select_parameter_space(parametrisation).names), prior_sigma_g, prior_sigma_bias
@@ -195,42 +186,56 @@ def command(
     }
     mask = find_mask(original, [(first, stop) for first, stop in exclude or ()])
     loaded = mask.apply(original)
-    result = calibrate(loaded, **asked)
+    result = calibrate(loaded, **settings)
     result = add_remainder(loaded, result)
-    about, limits = _describe_input(original) if as_json or against else {}, []
+    provenance, limits = _describe_input(original) if as_json or against else {}, []
     sigma = np.sqrt(np.diag(result.recommended_covariance))
-    found = result.parameters
-    invisible = find_invisible_effects(loaded, found.G, found.bias, sigma) if (sigma > 0).all() else ()
+    parameters = result.parameters
+    invisible = find_invisible_effects(loaded, parameters.G, parameters.bias, sigma) if (sigma > 0).all() else ()
     sections = [
-        Section("What this recording cannot show", [[one.describe() for one in invisible]]),
+        Section("What this recording cannot show", [[effect.describe() for effect in invisible]]),
         Section("Left out, since it was not measured", [mask.describe(original)]),
         Section("Origin of the noise", [calibration_report.describe_import_noise(result, read_estimated_noise(recording))]),
     ]
     if saved is not None:
-        is_same = about["recording_sha256"] == saved.recording_sha256
+        is_same = provenance["recording_sha256"] == saved.recording_sha256
         change = compute_change(saved.parameters, saved.covariance, result.parameters, result.recommended_covariance, is_same)
         limits = calibration_report.check_limits(change, max_sigma, max_change)
         sections.append(calibration_report.build_change_section(change, str(against), limits))
-    turns = predict_held_out_turns(loaded, **asked)
+    turns = predict_held_out_turns(loaded, **settings)
     held_out = describe_held_out_turns(turns)
-    build = partial(calibration_report.build_calibration_page, result, held_out, known, more=sections)
+    build = partial(calibration_report.build_calibration_page, result, held_out, true_parameters, further_sections=sections)
     masked = {"masked": mask.to_json(), "masked_share": mask.compute_share(original)}
-    masked |= {"invisible": [one.to_json() for one in invisible]}
-    document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], **masked, "provenance": about}
+    masked |= {"invisible": [effect.to_json() for effect in invisible]}
+    document = result.to_json() | {"held_out_turns": [turn.to_json() for turn in turns], **masked, "provenance": provenance}
     write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
 
 
+def _check_conditions(fail_on: tuple[str, ...], against: Path | None, max_sigma: float | None, limits: tuple[str, ...]) -> None:
+    """Raise `InputError`, before the work, for conditions and limits that cannot be tested."""
+    for text in fail_on:
+        parse_condition(text, CONDITIONS)
+    if against is None and (max_sigma is not None or limits):
+        raise InputError("--max-sigma and --max-change limit a change: give the saved result with --against RESULT.json")
+    if max_sigma is not None and not 0 < max_sigma < LARGEST:
+        raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
+    for text in limits:
+        from studies.report.calibration import parse_limit
+
+        parse_limit(text)
+
+
 def _describe_input(recording: Recording) -> dict[str, str | None]:
-    """The span of the recording's intervals as dates, its hash, and the commit that calibrates it."""
+    """Return the span of the recording's intervals as dates, its hash, and the commit that calibrates it."""
     from simulator.adopted_scenario import hash_recording
     from studies.montecarlo.manifest import read_commit
 
     epoch = datetime.fromisoformat(recording.epoch)
     offset = epoch.utcoffset()
     start = np.datetime64(epoch.replace(tzinfo=None), "ms") - np.timedelta64(offset or 0, "ms")
-    ends = min(one.start_s for one in recording.intervals), max(one.stop_s for one in recording.intervals)
+    ends = min(interval.start_s for interval in recording.intervals), max(interval.stop_s for interval in recording.intervals)
     valid_from, valid_until = (str(start + np.timedelta64(round(1e3 * end), "ms")) for end in ends)
     return {
         "valid_from": valid_from,
@@ -242,6 +247,8 @@ def _describe_input(recording: Recording) -> dict[str, str | None]:
 
 
 def _read_truth(path: Path) -> GyroParameters:
+    """Read the true G and b from a file of `simulate --truth`."""
+
     def convert(document: Any) -> GyroParameters:
         bias = np.deg2rad(np.array(document["bias_deg_s"], dtype=float))
         return GyroParameters(np.array(document["G"], dtype=float), bias)
@@ -250,7 +257,7 @@ def _read_truth(path: Path) -> GyroParameters:
 
 
 def _build_prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
-    """A-priori covariance from sigmas of G without unit and of b in deg/s."""
+    """Build the a-priori covariance from sigmas of G without unit and of b in deg/s."""
     if sigma_G is None and sigma_bias is None:
         return None
     if sigma_G is None or sigma_bias is None:

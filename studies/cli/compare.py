@@ -67,9 +67,9 @@ def command(
     from studies.compare.compare import compare
     from studies.compare.page import build_comparison_page
 
-    chosen = [(name, adopted_scenario.load(name)) for name in scenarios]
-    for effect in [one.effect for _, scenario in chosen for one in scenario.effects] if jobs > 1 else ():
+    loaded_scenarios = [(name, adopted_scenario.load(name)) for name in scenarios]
+    for effect in [setting.effect for _, scenario in loaded_scenarios for setting in scenario.effects] if jobs > 1 else ():
         if type(REGISTRY[effect]).__module__.startswith(FILE_MODULE):
             raise InputError(f"{effect}: an effect of a file is not known to other processes; leave --jobs out")
-    found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=show_progress)
-    write_result(found.to_json(), as_json, partial(build_comparison_page, found), report, loaded)
+    comparison = compare(loaded, loaded_scenarios, runs=runs, seed=seed, jobs=jobs, progress=show_progress)
+    write_result(comparison.to_json(), as_json, partial(build_comparison_page, comparison), report, loaded)

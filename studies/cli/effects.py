@@ -1,4 +1,4 @@
-"""The command ``gyrocal effects``: what a gyro, a reference or a sensor can do beyond the baseline."""
+"""The command ``gyrocal effects``: errors of gyros, references and sensors that the baseline does not have."""
 
 from __future__ import annotations
 
@@ -53,9 +53,12 @@ def command(as_json: Path | None) -> None:
 
 
 def _format_parameters(effect: Effect) -> str:
-    """An effect's parameters with their defaults, or that they have one; without "=" those that must be given."""
-    shown = [one.name if one.default is None else f"{one.name}={one.default}" for one in effect.parameters]
-    if len(shown) <= 2:
-        return ", ".join(shown)
-    names = [one.name if one.default is None else f"{one.name}=…" for one in effect.parameters]
+    """Format an effect's parameters with defaults, or "=…" for each if they are many; those without must be given."""
+    texts = [
+        parameter.name if parameter.default is None else f"{parameter.name}={parameter.default}"
+        for parameter in effect.parameters
+    ]
+    if len(texts) <= 2:
+        return ", ".join(texts)
+    names = [text.partition("=")[0] + "=…" * ("=" in text) for text in texts]
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"

@@ -31,6 +31,6 @@ def export_csv_command(recording: Path, out: Path, as_json: Path | None) -> None
 
     csv_files.write_csv(loaded, out)
     if as_json:
-        made = {"title": loaded.title, "epoch": loaded.epoch, "references": loaded.attitudes.t_s.size}
+        description = {"title": loaded.title, "epoch": loaded.epoch, "references": loaded.attitudes.t_s.size}
         files = [str(out / name) for name in ("gyro.csv", "attitude.csv", "mapping.toml")]
-        write_json(as_json, {"recording": made, "files": files})
+        write_json(as_json, {"recording": description, "files": files})

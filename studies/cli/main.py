@@ -1,8 +1,8 @@
 """The command line: ``gyrocal reproduce | calibrate | diagnose | compare | plan | simulate | mission | effects | study | …``.
 
-A command is a module of its name in this package, loaded only when that command is asked for: numba and pandas take seconds,
-which ``gyrocal --help`` does without. Tables go to standard output, progress and errors to standard error. Bad input and
-wrong use end in one line and exit status 2. Warnings wait until the command has ended: after an error the error says it all.
+A command is a module of its name in this package, loaded only when that command runs: numba and pandas take seconds to import,
+which ``gyrocal --help`` avoids. Tables go to standard output, progress and errors to standard error. Bad input and wrong use
+end in one line and exit status 2. Warnings are shown when the command has ended, and not after an error.
 """
 
 import ast
@@ -30,47 +30,48 @@ COMMAND_NAMES = (
 
 
 def _format_module_name(name: str) -> str:
+    """Return the name of a command's module; a keyword of Python gets an underscore."""
     return f"{name}_" if iskeyword(name) else name
 
 
 def read_help(name: str) -> str:
     """Read the help of a command from the source of its module, without loading it."""
     source = Path(__file__).with_name(f"{_format_module_name(name)}.py").read_text(encoding="utf-8")
-    function = next(one for one in ast.parse(source).body if isinstance(one, ast.FunctionDef) and one.name == "command")
+    function = next(node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef) and node.name == "command")
     return ast.get_docstring(function) or ""
 
 
 class Commands(click.Group):
-    """The commands, each loaded when it is asked for; errors of the project are one line and exit status 2."""
+    """The commands, each loaded when it is needed; errors of the project are one line and exit status 2."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """All names."""
+        """List all names."""
         return sorted(COMMAND_NAMES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of a name, None if there is none."""
+        """Load the command of a name; None if there is none."""
         if cmd_name not in COMMAND_NAMES:
             return None
-        found = importlib.import_module(f"studies.cli.{_format_module_name(cmd_name)}").command
-        assert isinstance(found, click.Command)
-        return found
+        command = importlib.import_module(f"studies.cli.{_format_module_name(cmd_name)}").command
+        assert isinstance(command, click.Command)
+        return command
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the first word names; of one that there is not, those that may have been meant."""
-        near = [] if args[0] in COMMAND_NAMES else get_close_matches(args[0], COMMAND_NAMES)
-        if near:
-            ctx.fail(f"No such command '{args[0]}'; did you mean {' or '.join(near)}?")
+        """Find the command that the first word names; for an unknown name suggest similar ones."""
+        suggestions = [] if args[0] in COMMAND_NAMES else get_close_matches(args[0], COMMAND_NAMES)
+        if suggestions:
+            ctx.fail(f"No such command '{args[0]}'; did you mean {' or '.join(suggestions)}?")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of the commands as click has it, without loading them."""
-        room = formatter.width - 6 - max(map(len, COMMAND_NAMES))
-        rows = [(name, click.Command(name, help=read_help(name)).get_short_help_str(room)) for name in self.list_commands(ctx)]
+        """List the commands as click does, without loading them."""
+        width = formatter.width - 6 - max(map(len, COMMAND_NAMES))
+        rows = [(name, click.Command(name, help=read_help(name)).get_short_help_str(width)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Options before the command."""
+        """Parse the options before the command."""
         with _handle_user_errors(ctx):
             return super().parse_args(ctx, args)
 
@@ -82,22 +83,22 @@ class Commands(click.Group):
 
 @contextlib.contextmanager
 def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
-    """End whatever is no fault of the program in one line."""
+    """End in one line after an error that is not a fault of the program."""
     try:
         yield
     except click.UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # of newer versions of click: the help itself
             raise
         command = (error.ctx or ctx).command_path
-        _end(ctx, f"{error.format_message()} See '{command} --help'.", where=command)
+        _end(ctx, f"{error.format_message()} See '{command} --help'.", source=command)
     except MemoryError as error:
         _end(ctx, f"not enough memory: {error}" if str(error) else "not enough memory")
     except OSError as error:
         if error.errno == errno.EPIPE and error.filename is None:
-            raise  # click ends quietly: whoever read the tables has read enough
+            raise  # click ends quietly: the reader of the pipe has closed it
         _end(ctx, f"{os.fsdecode(error.filename or 'standard output or a file')}: {error.strerror or error}")
     except Exception as error:
-        # Whoever raised one has loaded its class.
+        # The class is loaded if such an error was raised.
         errors = sys.modules.get("gyrocal.errors")
         if errors is None or not isinstance(error, errors.GyrocalError):
             raise
@@ -109,25 +110,28 @@ def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
         _end(ctx, text, getattr(error, "exit_status", 2))
 
 
-def _end(ctx: click.Context, message: str, status: int = 2, where: str = "gyrocal") -> NoReturn:
-    click.echo(make_printable(f"{where}: {message}"), err=True)
+def _end(ctx: click.Context, message: str, status: int = 2, source: str = "gyrocal") -> NoReturn:
+    """Print a message on standard error, and leave with an exit status."""
+    click.echo(make_printable(f"{source}: {message}"), err=True)
     ctx.exit(status)
 
 
 @contextlib.contextmanager
 def _show_warnings() -> Iterator[None]:
-    """Show warnings when all has gone well: the project's own in a line each, those of the packages it uses in one line."""
-    with warnings.catch_warnings(record=True) as met:
+    """Show warnings after success: the project's own in a line each, those of the packages it uses in one line."""
+    with warnings.catch_warnings(record=True) as caught:
         yield
-    own = dict.fromkeys(str(one.message) for one in met if one.category is UserWarning)
-    numeric = dict.fromkeys(str(one.message) for one in met if one.category is not UserWarning)
-    lines = [*own, *(["while computing: " + "; ".join(numeric) + "; look whether the results can be meant"] if numeric else [])]
+    own_messages = dict.fromkeys(str(warning.message) for warning in caught if warning.category is UserWarning)
+    numeric = dict.fromkeys(str(warning.message) for warning in caught if warning.category is not UserWarning)
+    lines = list(own_messages)
+    if numeric:
+        lines.append(f"while computing: {'; '.join(numeric)}; look whether the results can be meant")
     for line in lines:
         click.echo(make_printable(f"gyrocal: warning: {line}"), err=True)
 
 
 class _StandardError(logging.Handler):
-    """Show what is being done in a line of the standard error."""
+    """Show log messages on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Show one message."""

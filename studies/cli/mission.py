@@ -114,7 +114,7 @@ def command(
 
 
 def _count_cycles(days: float, every_s: float) -> int:
-    """Cycles between two rows of telemetry; refuses what cannot be flown."""
+    """Count the cycles between two rows of telemetry; `InputError` for times that cannot be simulated."""
     from simulator.mission_mode.config import MissionConfig
 
     cycle = MissionConfig().controller.cycle_s
@@ -128,6 +128,7 @@ def _count_cycles(days: float, every_s: float) -> int:
 
 
 def _build_config(days: float, tables: str, mounting: Mounting, settings: Sequence[MissionSetting]) -> MissionConfig:
+    """Build the configuration of a mission with effects, and with the flight's uploads or the tables of one period."""
     from simulator.mission_mode.config import MissionConfig, build_period_tables
     from simulator.mission_mode.effects import apply_mission_settings
     from simulator.mission_mode.flight import build_flight_schedule
@@ -143,13 +144,13 @@ def _build_config(days: float, tables: str, mounting: Mounting, settings: Sequen
 
 
 def summarise_periods(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
-    """A row for each period between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
+    """Build a row for each period between uploads: yaw updates, knowledge, pointing (3σ) and stability by axis, deg."""
     import pandas as pd
 
     from simulator.mission_mode.flight import ROTATION_NAMES
 
     end = days * DAY
-    bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
+    bounds = [0.0, *(upload_s for upload_s, _ in config.uploads if upload_s < end), end]
     rows = []
     for start, stop in pairwise(bounds):
         orbits = run.orbits[run.orbits["t_s"].between(start, stop, inclusive="left") & (run.orbits["samples"] > 0)]
@@ -170,6 +171,7 @@ def summarise_periods(run: MissionRun, config: MissionConfig, days: float) -> pd
 
 
 def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
+    """Print the periods against R's limits, the yaw maneuvers, and the numbers of written rows."""
     import pandas as pd
 
     from simulator.mission_mode.flight import ROTATION_NAMES
@@ -178,12 +180,12 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
 
     terminal, format_degrees = make_console(), partial(render.format_number, digits=3)
     days = [f"{row.from_day:.1f} to {row.to_day:.1f}" for row in stretches.itertuples()]
-    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": stretches["yaw_update_deg"].map(format_degrees)}
+    rows = {"days": days, "updates": stretches["yaw_updates"], "yaw update": stretches["yaw_update_deg"].map(format_degrees)}
     limits = {name: published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")}
     for (name, limit), axis in product(limits.items(), ROTATION_NAMES):
         values = stretches[f"{name}_{axis}_deg"]
-        shown[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
-    table = pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1)
+        rows[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
+    table = pd.DataFrame(rows).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1)
     stated = ", ".join(f"{name} {limit:g}" for name, limit in limits.items())
     note = f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {stated}; ✗ above."
     render.print_table(terminal, "Mission Mode, deg", table, note)

@@ -56,7 +56,7 @@ PAGE = "Write a page with the figures (HTML, needs no network) to this file."
 
 
 def add_options(*options: Any) -> Any:
-    """A decorator that gives a command several options, in this order."""
+    """Return a decorator that gives a command several options, in this order."""
 
     def add(function: Any) -> Any:
         for option in reversed(options):
@@ -67,12 +67,12 @@ def add_options(*options: Any) -> Any:
 
 
 def add_count_option(name: str, default: int | None, help: str, least: int = 0) -> Any:
-    """An option with a whole number, such as ``--seed`` or ``--jobs``."""
+    """Return an option with a whole number, such as ``--seed`` or ``--jobs``."""
     return click.option(name, type=click.IntRange(least), default=default, show_default=default is not None, help=help)
 
 
 def parse_spans(_: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> list[list[float]] | None:
-    """Stretches of time such as "12.5:14", each as two numbers in s; None without any."""
+    """Parse stretches of time such as "12.5:14", each as two numbers in s; None without any."""
     spans = []
     for text in texts:
         try:
@@ -95,12 +95,12 @@ EXCLUDE = click.option(
 
 
 def add_seed_option(help: str = "Seed of the random draws.") -> Any:
-    """The option ``--seed``."""
+    """Return the option ``--seed``."""
     return add_count_option("--seed", 0, help)
 
 
 def add_jobs_option(help: str = "Worker processes; the CPU count by default.", default: int | None = None) -> Any:
-    """The option ``--jobs``."""
+    """Return the option ``--jobs``."""
     return add_count_option("--jobs", default, help, least=1)
 
 
@@ -108,30 +108,30 @@ def add_jobs_option(help: str = "Worker processes; the CPU count by default.", d
 
 
 def add_output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = ()) -> Any:
-    """An option with a file to write, refused before the work if it cannot be written or another option has it too.
+    """Return an option of a file to write, refused beforehand if it is not writable or another option has it.
 
     With `stdout` the file - is standard output. Its name must have one of the endings, if there are any.
     """
 
     def check(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
-        own, taken = option.opts[0], context.meta.setdefault("gyrocal.outputs", {})
+        name, outputs = option.opts[0], context.meta.setdefault("gyrocal.outputs", {})
         if path is None or (path == STDOUT and stdout):
             return path
         if path == STDOUT:
-            raise InputError(f"{own} -: give the name of a file")
+            raise InputError(f"{name} -: give the name of a file")
         if endings and path.suffix not in endings:
-            raise InputError(f"{own} {path}: the name must end in {' or '.join(endings)}")
+            raise InputError(f"{name} {path}: the name must end in {' or '.join(endings)}")
         check_writable(path)
-        other = taken.setdefault(path.resolve(), own)
-        if other != own:
-            raise InputError(f"{path}: {other} and {own} need files of their own")
+        taken_by = outputs.setdefault(path.resolve(), name)
+        if taken_by != name:
+            raise InputError(f"{path}: {taken_by} and {name} need files of their own")
         return path
 
     return click.option(*names, type=PATH, callback=check, help=help)
 
 
 def check_writable(path: Path) -> None:
-    """Say before the work, not after it, that a file is a folder, in no folder, or without permission."""
+    """Raise `InputError`, before the work, if a file is a folder, in no folder, or without permission."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a file")
     if not path.parent.is_dir():
@@ -145,10 +145,10 @@ def check_writable(path: Path) -> None:
         raise InputError(f"{path}: cannot be written")
 
 
-def add_json_option(what: str = "the result", stdout: str = "") -> Any:
-    """The option ``--json FILE``; with `stdout`, - is standard output in place of it, the tables or the summary."""
+def add_json_option(content: str = "the result", stdout: str = "") -> Any:
+    """Return the option ``--json FILE``; with `stdout`, - is standard output in place of the tables or the summary."""
     dash = f"; - for standard output in place of {stdout}" if stdout else ""
-    return add_output_option("--json", "as_json", help=f"Write {what} as JSON to this file{dash}.", stdout=bool(stdout))
+    return add_output_option("--json", "as_json", help=f"Write {content} as JSON to this file{dash}.", stdout=bool(stdout))
 
 
 def write_result(
@@ -158,7 +158,7 @@ def write_result(
     report: Path | None = None,
     recording: Recording | None = None,
 ) -> None:
-    """Print a result as a page, or as JSON in place of it, and write the files that are asked for; build makes the page."""
+    """Print a result as a page, or as JSON in place of it, and write the requested files; build makes the page."""
     if as_json == STDOUT:
         click.echo(format_json(document))
     else:
@@ -171,8 +171,8 @@ def write_result(
         write_text(report, build(build_provenance_footer(recording)).render_html())
 
 
-def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:
-    """Read a JSON file and convert its document; an `InputError` if it is no JSON, or not what it should be."""
+def read_json(path: Path, description: str, convert: Callable[[Any], T]) -> T:
+    """Read a JSON file and convert its document; an `InputError` if it is no JSON, or cannot be converted."""
     try:
         with path.open("rb") as file:
             text = file.read(MOST_BYTES + 1)
@@ -180,7 +180,7 @@ def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:
             raise ValueError(f"it has more than {MOST_BYTES} bytes")
         return convert(json.loads(text))
     except (KeyError, TypeError, ValueError, RecursionError) as fault:
-        raise InputError(f"{path}: not {what}: {fault}") from None
+        raise InputError(f"{path}: not {description}: {fault}") from None
 
 
 def refuse_existing(out: Path, force: bool) -> None:
@@ -193,9 +193,9 @@ def refuse_existing(out: Path, force: bool) -> None:
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """Path and value of a setting; a value that is no TOML is text.
+    """Parse path and value of a setting; a value that is not TOML is text.
 
-    An `InputError` if there is no = in it, or nothing before it.
+    Raises `InputError` if there is no = in it, or nothing before it.
     """
     path, separator, value = text.partition("=")
     if not separator or not path:
@@ -209,7 +209,7 @@ def parse_assignment(text: str) -> tuple[str, Any]:
 
 
 def parse_duration(text: str) -> float:
-    """A time such as 30s, 10min or 2h, in s; an `InputError` if it is none."""
+    """Parse a time such as 30s, 10min or 2h, in s; an `InputError` if it is none."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h)\s*", text)
     seconds = float(match[1]) * {"s": 1.0, "min": 60.0, "h": 3600.0}[match[2]] if match else 0.0
     if not 0 < seconds < LONGEST_S:
@@ -218,6 +218,7 @@ def parse_duration(text: str) -> float:
 
 
 def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
+    """Register the effects of the user's files until the command ends."""
     if not files:
         return
     from simulator.effects import REGISTRY
@@ -227,7 +228,7 @@ def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...
             context.call_on_close(lambda name=effect.name: REGISTRY.remove(name))
 
 
-# Effects of one's own beside the built-in ones: registered before the command runs, and taken out again after it.
+# The user's own effects beside the built-in ones: registered before the command runs, and removed after it.
 effects_option = click.option(
     "--effects",
     "effect_files",
@@ -244,23 +245,23 @@ effects_option = click.option(
 # ---- conditions on which a command fails ---------------------------------------------------------------------------------
 
 
-def compare_conditions(texts: Sequence[str], known: Mapping[str, float]) -> list[Verdict]:
-    """Compare conditions such as "p<0.001" with numbers by name; one on a number that is not known is met.
+def compare_conditions(texts: Sequence[str], numbers: Mapping[str, float]) -> list[Verdict]:
+    """Compare conditions such as "p<0.001" with numbers by name; a condition on an unknown number holds.
 
-    An `InputError` if a text is no condition on one of the numbers.
+    Raises `InputError` if a text is no condition on one of the numbers.
     """
-    out = []
+    verdicts = []
     for text in texts:
-        name, sign, limit = parse_condition(text, known)
-        value = known[name]
-        met = not (value >= limit if sign == "<" else value <= limit)
-        what = "is not known" if math.isnan(value) else f"is {value:.4g}"
-        out.append(Verdict(text.strip(), f"{name} {what}" if met else ""))
-    return out
+        name, sign, limit = parse_condition(text, numbers)
+        value = numbers[name]
+        holds = not (value >= limit if sign == "<" else value <= limit)
+        value_text = "is not known" if math.isnan(value) else f"is {value:.4g}"
+        verdicts.append(Verdict(text.strip(), f"{name} {value_text}" if holds else ""))
+    return verdicts
 
 
 def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tuple[str, str, float]:
-    """Name, sign and limit of a condition; an `InputError` if it is none, or on something else."""
+    """Parse name, sign and limit of a condition; an `InputError` if it is none, or on an unknown name."""
     match = CONDITION.fullmatch(text)
     try:
         if match is None or match[1] not in names:
@@ -274,8 +275,8 @@ def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tu
 
 
 def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None, limits: Sequence[Verdict] = ()) -> None:
-    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure, or 1 if one of the limits is."""
+    """Write the verdicts as JUnit, and leave with status 3 if one of them is a failure, or 1 if one of the limits is."""
     if junit:
         write_junit(junit, f"gyrocal {command}", subject, [*verdicts, *limits])
-    if any(one.failure for one in [*verdicts, *limits]):
-        raise SystemExit(STATUS if any(one.failure for one in verdicts) else 1)
+    if any(verdict.failure for verdict in [*verdicts, *limits]):
+        raise SystemExit(STATUS if any(verdict.failure for verdict in verdicts) else 1)

@@ -81,15 +81,16 @@ def command(
     noise = RemainderNoise()
     if calibration is not None:
         priors = (prior_sigma_g, prior_sigma_bias, prior_mounting or None, prior_scale or None)
-        if any(one is not None for one in priors):
+        if any(prior is not None for prior in priors):
             raise InputError("--calibration has the covariance of G and b: leave out --prior-sigma-g and the other priors")
-        known = read_calibration(calibration)
-        loaded, P0, noise = known.apply(loaded), known.covariance, known.noise
+        saved = read_calibration(calibration)
+        loaded, P0, noise = saved.apply(loaded), saved.covariance, saved.noise
     times = None if step_s is None else list_step_times(loaded, from_s, step_s)
-    found = predict(loaded, from_s, times, P0, noise)
-    table = tabulate_prediction(found)
+    prediction = predict(loaded, from_s, times, P0, noise)
+    table = tabulate_prediction(prediction)
     if out:
         write_csv(out, table, digits=12)
-    start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
-    document = start | {"prediction": table.to_dict("records")} if as_json else None
-    write_result(document, as_json, partial(build_prediction_page, found, loaded.title, from_s), report, loaded)
+    header = {"recording": loaded.title, "from_s": from_s}
+    header |= {"used": prediction.used, "chi2": prediction.chi2, "dof": prediction.dof}
+    document = header | {"prediction": table.to_dict("records")} if as_json else None
+    write_result(document, as_json, partial(build_prediction_page, prediction, loaded.title, from_s), report, loaded)

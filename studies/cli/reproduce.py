@@ -100,8 +100,8 @@ def command(
     before = {name: committed_results.read(COMMITTED / PAPER_FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
-        short: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
-        call_all([partial(paper_tables.tabulate_case, PaperTablesConfig(), 0), *short], workers)
+        warm_up: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
+        call_all([partial(paper_tables.tabulate_case, PaperTablesConfig(), 0), *warm_up], workers)
     for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(parse_assignment(change) for change in changes)
@@ -113,8 +113,8 @@ def command(
         if now := committed_results.read(folder):
             summary, moved = committed_results.compare_results(now, before[name])
             if len(moved):
-                against = f"Moved against {COMMITTED / PAPER_FOLDERS[name].name}"
-                render.print_table(terminal, against, moved.head(MOST_MOVED).astype(str))
+                title = f"Moved against {COMMITTED / PAPER_FOLDERS[name].name}"
+                render.print_table(terminal, title, moved.head(MOST_MOVED).astype(str))
             terminal.print(summary, highlight=False, markup=False)
     if as_json:
         write_json(as_json, summaries[paper] if paper else summaries)

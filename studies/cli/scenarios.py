@@ -29,11 +29,11 @@ def command(name: str | None, as_json: Path | None) -> None:
 
             flown = adopted_scenario.load(name)
             assert isinstance(flown.plan, scenarios.Scenario)  # none that is built in flies a recording again
-            effects = {"effect": [tabulate_setting(one) for one in flown.effects]} if flown.effects else {}
+            effects = {"effect": [tabulate_setting(effect) for effect in flown.effects]} if flown.effects else {}
             write_json(as_json, flown.plan.model_dump(mode="json") | effects)
         return
-    titles = {one: str(scenarios.load_document(one).get("title", "")) for one in scenarios.names()}
+    titles = {key: str(scenarios.load_document(key).get("title", "")) for key in scenarios.names()}
     width = max(map(len, titles))
-    click.echo("\n".join(f"{one:{width}}  {title}" for one, title in titles.items()))
+    click.echo("\n".join(f"{key:{width}}  {title}" for key, title in titles.items()))
     if as_json:
-        write_json(as_json, {"scenarios": [{"name": one, "title": title} for one, title in titles.items()]})
+        write_json(as_json, {"scenarios": [{"name": key, "title": title} for key, title in titles.items()]})

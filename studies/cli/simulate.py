@@ -1,12 +1,15 @@
 """The command ``gyrocal simulate``: a scenario, or a recording once more, as a recording."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.recording import load, save
+from gyrocal.recording import Recording, load, save
 from studies.cli.options import (
     FOLDER_TYPE,
     FORCE,
@@ -18,6 +21,10 @@ from studies.cli.options import (
     refuse_existing,
 )
 from studies.montecarlo.files import write_json
+
+if TYPE_CHECKING:
+    from gyrocal.calibration.parameters import GyroParameters
+    from simulator.effects import Setting
 
 
 @click.command("simulate")
@@ -75,36 +82,28 @@ def command(
     from simulator import adopted_scenario
     from simulator import scenario as scenarios
     from simulator.adopted_scenario import ReplayPlan
-    from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
-    from simulator.effects.sensor import parse as parse_effect
-    from simulator.replay import replay
+    from simulator.effects.sensor import parse, tabulate_setting
     from simulator.simulate import simulate
     from simulator.streams import generator
 
-    settings = [parse_effect(text) for text in effects]
+    settings = [parse(text) for text in effects]
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
-        on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
-        if on_sensors:
-            raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
-        original = load(scenario)
-
-        from gyrocal.calibration.davenport import calibrate
-
-        fitted = calibrate(original).parameters
-        recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
-        G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
+        recording, parameters = _replay(scenario, settings, seed, case, noise)
+        G, bias_deg_s = parameters.G.tolist(), np.rad2deg(parameters.bias).tolist()
     else:
-        chosen = adopted_scenario.load(scenario)
-        own = chosen.replace_amplitudes(chosen.draw_amplitudes(generator(seed, case, "posterior"))) if draw else chosen.effects
-        settings = [*own, *settings]
-        if isinstance(chosen.plan, ReplayPlan):
+        adopted = adopted_scenario.load(scenario)
+        stated = adopted.effects
+        if draw:
+            stated = adopted.replace_amplitudes(adopted.draw_amplitudes(generator(seed, case, "posterior")))
+        settings = [*stated, *settings]
+        if isinstance(adopted.plan, ReplayPlan):
             _refuse(changes)
-            recording = chosen.fly(seed, case, settings, noise)
-            G, bias_deg_s = chosen.plan.G.tolist(), np.rad2deg(chosen.plan.bias).tolist()
+            recording = adopted.fly(seed, case, settings, noise)
+            G, bias_deg_s = adopted.plan.G.tolist(), np.rad2deg(adopted.plan.bias).tolist()
         else:
-            plan = scenarios.override(chosen.plan, dict(parse_assignment(change) for change in changes))
+            plan = scenarios.override(adopted.plan, dict(parse_assignment(change) for change in changes))
             recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
             G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
     save(recording, out)
@@ -112,8 +111,8 @@ def command(
         write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [tabulate_setting(setting) for setting in settings]})
     if as_json:
         counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
-        effects_done = [tabulate_setting(setting) for setting in settings]
-        about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": effects_done}
+        written_effects = [tabulate_setting(setting) for setting in settings]
+        about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": written_effects}
         write_json(as_json, about | counts | {"reference_attitudes": recording.attitudes.t_s.size})
     click.echo(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
@@ -121,8 +120,24 @@ def command(
     )
 
 
+def _replay(folder: str, settings: list[Setting], seed: int, case: int, noise: bool) -> tuple[Recording, GyroParameters]:
+    """Calibrate a recording and simulate its motion again with effects; returns the new recording and its true parameters."""
+    from simulator.effects.sensor import SENSOR_EFFECTS
+    from simulator.replay import replay
+
+    on_sensors = [setting.effect for setting in settings if setting.effect in SENSOR_EFFECTS]
+    if on_sensors:
+        raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
+    original = load(folder)
+
+    from gyrocal.calibration.davenport import calibrate
+
+    parameters = calibrate(original).parameters
+    return replay(original, parameters.G, parameters.bias, settings, seed=seed, case=case, noise=noise), parameters
+
+
 def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:
-    """Options that a replay of a recording does not have."""
+    """Raise `InputError` for options that a replay of a recording does not have."""
     if changes:
         raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
     if draw:

@@ -102,14 +102,7 @@ def command(
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20' --limit 10min --fail-on failed
     """
     if name is None:
-        import pandas as pd
-
-        from studies.report import tables as render
-
-        studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_NAMES]
-        render.print_table(make_console(), "Studies", pd.DataFrame(studies))
-        if as_json:
-            write_json(as_json, {"studies": studies})
+        _list_studies(as_json)
         return
     folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(parse_assignment(change) for change in changes)
@@ -132,18 +125,37 @@ def command(
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
         write_json(as_json, about | {name: outcome.manifest.get(name) for name in ("until", "requirements")})
-    stop, answers = outcome.manifest.get("until"), outcome.manifest.get("requirements", ())
-    missed = {
-        "failed": f"{len(outcome.failures)} of {outcome.cases} cases failed" if outcome.failures else "",
-        "until": f"{stop['asked']} is not met" if stop and not stop["met"] else "",
-        "require": "; ".join(f"{one['requirement']} is {one['outcome']}" for one in answers if one["outcome"] != "met"),
-    }
-    if found := [f"--fail-on {word}: {missed[word]}" for word in words if missed[word]]:
-        click.echo(f"gyrocal: {', '.join(found)}", err=True)
+    reasons = _describe_failures(outcome)
+    if failed := [f"--fail-on {word}: {reasons[word]}" for word in words if reasons[word]]:
+        click.echo(f"gyrocal: {', '.join(failed)}", err=True)
         raise SystemExit(STATUS)
 
 
+def _list_studies(as_json: Path | None) -> None:
+    """Print the list of studies, and write it as JSON to a file."""
+    import pandas as pd
+
+    from studies.report import tables as render
+
+    studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_NAMES]
+    render.print_table(make_console(), "Studies", pd.DataFrame(studies))
+    if as_json:
+        write_json(as_json, {"studies": studies})
+
+
+def _describe_failures(outcome: engine.Outcome) -> dict[str, str]:
+    """Return the reason why each word of --fail-on holds; empty for a word that does not hold."""
+    stop, answers = outcome.manifest.get("until"), outcome.manifest.get("requirements", ())
+    unmet = [f"{answer['requirement']} is {answer['outcome']}" for answer in answers if answer["outcome"] != "met"]
+    return {
+        "failed": f"{len(outcome.failures)} of {outcome.cases} cases failed" if outcome.failures else "",
+        "until": f"{stop['asked']} is not met" if stop and not stop["met"] else "",
+        "require": "; ".join(unmet),
+    }
+
+
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
+    """Print the rows of a repeated case, its traceback, its recording's folder, and whether the rows are the same."""
     from studies.report import tables as render
 
     render.print_table(make_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
@@ -156,7 +168,7 @@ def _show_rerun(result: engine.Rerun, folder: Path) -> None:
 
 
 def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
-    """The words of --fail-on; an `InputError` if one is unknown, or on a criterion that is not given."""
+    """Parse the words of --fail-on; an `InputError` if one is unknown, or on a criterion that is not given."""
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
         if word not in known:
@@ -167,7 +179,7 @@ def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
 
 
 def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, Any]:
-    """The criteria of --until and --require; what parses them is loaded only where they are given."""
+    """Parse the criteria of --until and --require; the parsers are loaded only if they are given."""
     if not (until or required):
         return {"until": None, "requirements": []}
     from studies.montecarlo.criteria import Requirement, StoppingRule

@@ -1,1 +1,1 @@
-"""A recording beside what scenarios give: where it stands in the distribution of their flights, and how far the gap closes."""
+"""Comparison of a recording with scenarios: its percentiles among their simulations, and the shrinkage of the gap."""

@@ -48,7 +48,7 @@ Z90 = 1.6448536269514722  # two-sided 90 %
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap before and after, in units of what noise as stated leaves."""
+    """The gap before and after, in units of the mean square that stated noise gives."""
 
     before: float  # g_0, with its 90 % interval
     before_90: tuple[float, float]
@@ -59,31 +59,31 @@ class Gap:
 
 
 def compute_gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Array, shift: float = 0.0) -> Gap:
-    """The gap of a recording.
+    """Compute the gap of a recording.
 
     Parameters
     ----------
     recorded : its m_0 and m_s
     floors : E m_0 of flights of M0, E m_s of flights of the scenario
     errors : (n, 2) e_0 and e_s of the scenario's flights
-    shift : what fitted sizes are expected to be off by, in m_s
+    shift : expected increase of m_s from the errors of fitted sizes
     """
     before, after = recorded[0] - floors[0], recorded[1] - floors[1] + shift
     V = np.atleast_2d(np.cov(errors, rowvar=False)) * (1 + 1 / len(errors))
-    half = Z90 * np.sqrt(np.diag(V))
+    half_width = Z90 * np.sqrt(np.diag(V))
     low, high = compute_fieller_interval(after, before, V[::-1, ::-1])
     return Gap(
         before=before,
-        before_90=(float(before - half[0]), float(before + half[0])),
+        before_90=(float(before - half_width[0]), float(before + half_width[0])),
         after=after,
-        after_90=(float(after - half[1]), float(after + half[1])),
+        after_90=(float(after - half_width[1]), float(after + half_width[1])),
         shrinkage=1 - after / before if before != 0 else float("nan"),
         shrinkage_90=(1 - high, 1 - low),
     )
 
 
 def compute_fieller_interval(a: float, b: float, V: Array) -> tuple[float, float]:
-    """Interval of a/b for estimates (a, b) with covariance V (2, 2); infinite where b is not clear of zero.
+    """Compute the interval of a/b for estimates (a, b) with covariance V (2, 2); infinite if b may be zero.
 
     The κ with (a − κ b)² ≤ z² (V_aa − 2 κ V_ab + κ² V_bb) are those between the roots of
     (b² − z² V_bb) κ² − 2 (a b − z² V_ab) κ + (a² − z² V_aa).

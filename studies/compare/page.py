@@ -22,7 +22,7 @@ WHERE = (
 )
 
 
-def build_comparison_page(comparison: Comparison, made: ProvenanceFooter | None = None) -> Page:
+def build_comparison_page(comparison: Comparison, provenance: ProvenanceFooter | None = None) -> Page:
     """Build the page: the gaps, then the statistics of each scenario, the furthest from the simulations' mean first."""
     picture = Picture(
         "standing",
@@ -30,24 +30,24 @@ def build_comparison_page(comparison: Comparison, made: ProvenanceFooter | None 
         "Distance of every statistic of the recording from the mean of the simulations, by scenario.",
         "A dot is a statistic; if the scenario is right, 95 % are within two.",
     )
-    first, *more = describe_comparison(comparison)
+    first, *further = describe_comparison(comparison)
     gaps = f"The gap, {comparison.runs} simulations of each scenario, seed {comparison.seed}"
-    sections = [Section("", more), Section("The gap", [PageTable(build_scenario_table(comparison), (), gaps, HOW)])]
+    sections = [Section("", further), Section("The gap", [PageTable(build_scenario_table(comparison), (), gaps, HOW)])]
     sections.append(Section("The recording among the simulations", []))
     for standing in comparison.standings:
-        shown = build_statistics_table(standing)
-        strong = [abs(float(z)) > EXTREME_Z for z in shown["z"]]
+        table = build_statistics_table(standing)
+        strong = [abs(float(z)) > EXTREME_Z for z in table["z"]]
         title = f"Under {standing.name}: {standing.title}"
-        sections.append(Section(title, [PageTable(shown, strong, title, WHERE, SHOWN_STATISTICS)], 3))
+        sections.append(Section(title, [PageTable(table, strong, title, WHERE, SHOWN_STATISTICS)], 3))
     answer = Answer(determine_answer_kind(comparison), picture, first)
-    return Page(f"{comparison.recording} beside its scenarios", sections, answer, made)
+    return Page(f"{comparison.recording} beside its scenarios", sections, answer, provenance)
 
 
 def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
-    """A row for each scenario, as texts."""
+    """Build a row for each scenario, as texts."""
     rows = []
     for standing in comparison.standings:
-        gap, samples, (count, of) = standing.gap, standing.samples, standing.extreme
+        gap, samples, (count, judged) = standing.gap, standing.samples, standing.extreme
         shrinkage = "" if standing is comparison.standings[0] else "no gap before"
         if shrinkage and np.isfinite(gap.shrinkage_90).all():
             shrinkage = format_interval(gap.shrinkage, gap.shrinkage_90, 100, ".0f", " %")
@@ -58,14 +58,14 @@ def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
                 "gap": format_interval(gap.after, gap.after_90),
                 "shrinkage": shrinkage,
                 "gap of the samples": "" if samples is None else format_interval(samples.after, samples.after_90),
-                "beyond 1 % at either end": f"{count} of {of}",
+                "beyond 1 % at either end": f"{count} of {judged}",
             }
         )
     return pd.DataFrame(rows)
 
 
 def build_statistics_table(standing: ScenarioComparison) -> pd.DataFrame:
-    """The judged statistics as texts, the furthest from the simulations' mean first."""
+    """Build the judged statistics as texts, the furthest from the simulations' mean first."""
     judged = standing.statistics.assign(name=standing.names)
     judged = judged[judged["judged"]]
     judged = judged.iloc[np.argsort(-judged["z"].abs().to_numpy(), kind="stable")]
@@ -87,8 +87,8 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
-        apart = "; single statistics deviate, which a diagnosis tests as well" if determine_answer_kind(comparison) else ""
-        out.append(f"Under M0 the interval of the gap includes zero: the attitude's mean square shows no gap{apart}.")
+        deviations = "; single statistics deviate, which a diagnosis tests as well" if determine_answer_kind(comparison) else ""
+        out.append(f"Under M0 the interval of the gap includes zero: the attitude's mean square shows no gap{deviations}.")
     out += [_describe_furthest(standing) for standing in comparison.standings]
     for standing in comparison.standings[1:]:
         gap, change = standing.gap, "the reduction of the gap is not known, since the attitude has no significant gap under M0"
@@ -101,14 +101,14 @@ def describe_comparison(comparison: Comparison) -> list[str]:
 
 def _describe_furthest(standing: ScenarioComparison) -> str:
     """State the number of extreme statistics, the number expected by chance, and the largest deviation."""
-    (count, of), judged = standing.extreme, build_statistics_table(standing)
-    expected = f"{standing.by_chance:.1f} are expected by chance"
-    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end; {expected}."
+    (count, total), judged = standing.extreme, build_statistics_table(standing)
+    expected = f"{standing.expected_extreme:.1f} are expected by chance"
+    text = f"Under {standing.name} {count} of {total} statistics are beyond 1 % at either end; {expected}."
     return f"{text} The largest deviation is {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else text
 
 
 def determine_answer_kind(comparison: Comparison) -> str:
-    """Kind of the answer: a gap, none, or single statistics that stand apart although the mean square does not."""
+    """Determine the kind of the answer: a gap, none, or single deviating statistics although there is no gap."""
     first = comparison.standings[0]
     if first.gap.before_90[0] > 0:
         return "gap"
@@ -123,6 +123,7 @@ def draw_standings(comparison: Comparison) -> Figure:
 
 
 def _build_panel(standing: ScenarioComparison) -> Panel:
+    """Build the panel of z of the judged statistics of a scenario, a row a kind of statistic."""
     judged = standing.statistics[standing.statistics["judged"]]
     kinds = list(dict.fromkeys(judged["statistic"]))
 

@@ -1,13 +1,13 @@
 """Backends: where the tasks of a study run.
 
-Each is an `Executor`. It has a bounded window of tasks in flight, so that neither tasks nor results pile up however many there
-are, and yields every task with its result as they end. A task whose worker died is yielded with None; such a task and those
-that shared its fate can be tried again alone.
+Each is an `Executor`. It has a bounded window of tasks in flight, so that neither tasks nor results accumulate, and yields
+every task with its result as they end. A task whose worker died is yielded with None; it and the other tasks of that worker can
+be tried again alone.
 
 - ``serial``: in this thread.
 - ``loky``: in worker processes of this machine, kept warm for the next study.
-- ``dask``: on a cluster, by its scheduler's address. Its workers must be able to import the study; nothing else is asked of
-  them, no common file system either.
+- ``dask``: on a cluster, by its scheduler's address. Its workers only need to be able to import the study; no common file
+  system is needed.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
 
 IDLE_S = 60.0  # after which a warm worker ends
-FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
+FOLLOW_S = 0.5  # between two checks of a worker that its parent is alive
 CONNECT_S = 4.0  # to a scheduler
 WORKERS_S = 30.0  # for its first worker
 RETRIES = 2  # of a dask task that a connection or a lost worker's result failed
@@ -47,24 +47,24 @@ class SchedulerLostError(GyrocalError):
 
 
 class Executor:
-    """Where tasks run, here: in this thread; `jobs` run at a time, and `deaths` are errors of a task whose worker died."""
+    """Runs tasks, here in this thread; `jobs` run at a time, and `deaths` are errors of a task whose worker died."""
 
     def __init__(self, run: Run, jobs: int = 1) -> None:
         self.run, self.jobs = run, jobs
         self.deaths: tuple[type[Exception], ...] = ()
 
     def submit(self, task: Task) -> Future[Result]:
-        """Hand a task out; returns its future."""
+        """Submit a task; returns its future."""
         future: Future[Result] = Future()
         future.set_result(self.run(task))
         return future
 
     def window(self) -> int:
-        """Most tasks that are handed out at a time."""
+        """Return the largest number of tasks in flight."""
         return 1
 
     def close(self, finished: bool) -> None:
-        """Let go of the workers; if not finished, stop what they are doing."""
+        """Release the workers; if not finished, stop them."""
         end_child()
 
     def __enter__(self) -> Self:
@@ -74,24 +74,24 @@ class Executor:
         self.close(finished=kind is None)
 
     def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
-        """Run tasks, each alone if asked for; yields each as it ends, with its result, or None if its worker died."""
-        waiting, flying = iter(tasks), dict[Future[Result], Task]()
+        """Run tasks, one at a time if `alone`; yields each as it ends, with its result, or None if its worker died."""
+        waiting, in_flight = iter(tasks), dict[Future[Result], Task]()
         while True:
-            room = (1 if alone else self.window()) - len(flying)
-            for task in islice(waiting, max(0, room)):
-                flying[self.submit(task)] = task
-            if not flying:
+            free = (1 if alone else self.window()) - len(in_flight)
+            for task in islice(waiting, max(0, free)):
+                in_flight[self.submit(task)] = task
+            if not in_flight:
                 return
-            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
                 try:
                     result = future.result()
                 except self.deaths:
                     result = None
-                yield flying.pop(future), result
+                yield in_flight.pop(future), result
 
 
 def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str | None = None) -> Executor:
-    """Start a backend, to be left as a context.
+    """Start a backend, which is a context manager.
 
     Parameters
     ----------
@@ -112,12 +112,13 @@ def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str |
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C, which the terminal sends to every process, to the parent, and end when that was killed."""
+    """Ignore Ctrl-C, which the terminal sends to every process, and end when the parent was killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
 
 
 def _follow(parent: int) -> None:
+    """End this process when its parent has ended."""
     while os.getppid() == parent:
         time.sleep(FOLLOW_S)
     os._exit(1)
@@ -147,7 +148,7 @@ class _Loky(Executor):
     def submit(self, task: Task) -> Future[Result]:
         # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
         with _delay_interrupt():
-            # The pool may be found broken only now; asked for again it is a new one.
+            # The pool may turn out to be broken only now; the next call of _pool returns a new one.
             for _ in range(self.jobs):
                 with contextlib.suppress(*self.deaths):
                     return self._pool().submit(self.run, task)
@@ -159,8 +160,8 @@ class _Loky(Executor):
     def close(self, finished: bool) -> None:
         if not finished:
             pool = self._pool()
-            # Told to kill its workers, the pool forgets its tasks, but not their numbers, and then looks up the next number in
-            # vain: an error in its thread, in joblib 1.6. Without numbers that wait there is nothing to look up.
+            # In joblib 1.6 a pool that kills its workers clears its tasks, but not their queued numbers, and then fails to look
+            # up the next number: an error in its thread. Emptying the queue first avoids this.
             with contextlib.suppress(AttributeError, queue.Empty):
                 while True:
                     pool._work_ids.get_nowait()
@@ -177,7 +178,7 @@ class _Dask(Executor):
         self.deaths, self.scheduler = (distributed.scheduler.KilledWorker,), scheduler
         self.quiet = contextlib.ExitStack()
         _check_scheduler(distributed, scheduler)
-        # A scheduler that is lost is told in one line, here; the client would log a traceback for each of its connections.
+        # A lost scheduler is reported in one line, here; the client would log a traceback for each of its connections.
         for name in ("distributed", "distributed.client"):
             self.quiet.enter_context(distributed.utils.silence_logging_cmgr("CRITICAL", name))
         try:
@@ -188,18 +189,18 @@ class _Dask(Executor):
             if isinstance(error, OSError | TimeoutError | ValueError):
                 raise InputError(f"dask scheduler {scheduler!r}: {' '.join(str(error).split())}") from None
             raise
-        # Not pure: a cluster may still know the result that an earlier version of the study gave.
+        # Not pure: a cluster may still hold the result of an earlier version of the study.
         self.pool = self.client.get_executor(pure=False, retries=RETRIES)
         self.counted_at = -COUNT_S
         self.window()
 
     def window(self) -> int:
-        # Workers of a cluster come and go. The answer names each of them, so that it is not asked for with every task.
+        # Workers of a cluster come and go. They are not counted for every task, since the answer lists each of them.
         if time.monotonic() - self.counted_at >= COUNT_S:
             try:
                 self.jobs = max(1, sum(self.client.nthreads().values()))
             except (OSError, TimeoutError):
-                raise self._lose_scheduler() from None
+                raise self._build_lost_error() from None
             self.counted_at = time.monotonic()
         return PER_WORKER * self.jobs
 
@@ -213,10 +214,10 @@ class _Dask(Executor):
         except Exception as error:
             # A client that loses its scheduler cancels all tasks.
             if isinstance(error, CancelledError) or self.client.status != "running":
-                raise self._lose_scheduler() from None
+                raise self._build_lost_error() from None
             raise
 
-    def _lose_scheduler(self) -> SchedulerLostError:
+    def _build_lost_error(self) -> SchedulerLostError:
         return SchedulerLostError(f"dask scheduler {self.scheduler!r}: the connection is lost")
 
     def close(self, finished: bool) -> None:
@@ -226,15 +227,15 @@ class _Dask(Executor):
 
 
 def _check_scheduler(distributed: Any, address: str) -> None:
-    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away."""
+    """Connect to a scheduler once; a client without one would log, and wait once more when it is closed."""
 
     async def shake() -> None:
         comm = await distributed.comm.connect(address, timeout=CONNECT_S)
         await comm.close()
 
-    # In a thread of its own: where there is an event loop, as in a notebook, no second one may run.
+    # In a separate thread: a thread with an event loop, as in a notebook, cannot run a second one.
     with ThreadPoolExecutor(1) as thread:
         error = thread.submit(lambda: asyncio.run(asyncio.wait_for(shake(), CONNECT_S))).exception()
-    if error:  # a port of something else answers anything
+    if error:  # any type: the port may belong to another program
         fault = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")

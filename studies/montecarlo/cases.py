@@ -1,11 +1,11 @@
-"""Running cases: a worker is handed a `Task` and hands back a `Result`, all of it plain text and numbers.
+"""Running cases: a worker receives a `Task` and returns a `Result`, both of plain text and numbers.
 
 A case that raises is a row with its error, and a traceback in the result. A worker's warnings, which nobody would see, are
 counted.
 
-With a limit of its time a case runs in a child process of its worker, which ends itself at the limit whatever the case does.
-The timer is a thread in C (`faulthandler`). It also ends compiled code that never gives the interpreter back, and writes where
-the case was. The child is kept for the next cases and ends with its worker.
+With a time limit a case runs in a child process of its worker, which ends itself at the limit whatever the case does. The timer
+is a thread in C (`faulthandler`). It also ends compiled code that never returns to the interpreter, and writes a traceback. The
+child is kept for the next cases and ends with its worker.
 """
 
 import faulthandler
@@ -57,7 +57,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a task: its rows, failed cases with tracebacks, CPU time, warnings, and what the worker is made with."""
+    """Result of a task: its rows, tracebacks of failed cases, CPU time, warnings, and the worker's sources and machine."""
 
     rows: list[dict[str, Any]]
     tracebacks: dict[int, str]
@@ -73,14 +73,14 @@ class Result:
 
 @contextmanager
 def run_single_threaded() -> Iterator[Counter[str]]:
-    """Make the process the same wherever a case runs: one BLAS thread, and warnings counted; yields how often each was given.
+    """Run with one BLAS thread and with warnings counted, the same in every process; yields the counts.
 
-    With more threads BLAS may split a sum otherwise, and bits differ. A warning that a filter of the process turned into an
-    error would be a failed case in this place alone.
+    With more threads BLAS may split a sum differently, and bits differ. A warning that a filter of the process turns into an
+    error would make a case fail in this process alone.
     """
     messages: Counter[str] = Counter()
 
-    def count(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    def count(message: Warning | str, category: type[Warning], *position: Any, **further: Any) -> None:
         messages[f"{category.__name__}: {' '.join(str(message).split())}"] += 1
 
     with warnings.catch_warnings(), threadpool_limits(1):
@@ -90,7 +90,7 @@ def run_single_threaded() -> Iterator[Counter[str]]:
 
 
 def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
-    """Run the cases of a task, one after the other; `kinds`, what each column holds, is that of earlier cases, and grows."""
+    """Run the cases of a task in order; `kinds`, the type of each column, holds those of earlier cases and is updated."""
     study = find(task.study, task.folder)
     config = _parse_config(study, task.config)
     kinds = {} if kinds is None else kinds
@@ -100,7 +100,7 @@ def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
         if task.limit_s:
             singles = (replace(task, cases=range(case, case + 1)) for case in task.cases)
             return merge_results(_run_limited(single, kinds) for single in singles)
-        made_with = describe_provenance(study)  # before the cases, while what was imported is young
+        made_with = describe_provenance(study)  # before the cases, soon after the sources were imported
         start = time.process_time()
         for case in task.cases:
             try:
@@ -113,42 +113,45 @@ def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
 
 
 def build_ended_result(task: Task, trace: str = "") -> Result:
-    """Result of a single case that was ended at its limit, and where it was; without a trace it has killed its worker."""
+    """Build the result of a case ended at its limit, with its traceback; without one it has killed its worker."""
     (case,) = task.cases
     error = f"TimeLimit: took longer than {task.limit_s:g} s" if trace else "WorkerDied: killed its worker"
-    died = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
-    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{trace or died}"})
+    death = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
+    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{trace or death}"})
 
 
 def merge_results(results: Iterable[Result]) -> Result:
-    """One result from several."""
-    whole = Result([], {})
-    for one in results:
-        tracebacks, warnings = whole.tracebacks | one.tracebacks, whole.warnings + one.warnings
-        whole = Result(whole.rows + one.rows, tracebacks, whole.cpu_s + one.cpu_s, warnings, one.made_with or whole.made_with)
-    return whole
+    """Merge several results into one."""
+    merged = Result([], {})
+    for result in results:
+        tracebacks, warnings = merged.tracebacks | result.tracebacks, merged.warnings + result.warnings
+        merged = Result(
+            merged.rows + result.rows, tracebacks, merged.cpu_s + result.cpu_s, warnings, result.made_with or merged.made_with
+        )
+    return merged
 
 
 @lru_cache(maxsize=4)
 def _parse_config(study: Study, text: str) -> StudyConfig:
-    """The configuration for a study as it is now: one that was edited and imported anew is another one."""
+    """Parse the configuration for a study; the cache distinguishes a study that was edited and imported again."""
     return study.config.model_validate_json(text)
 
 
 def _compute_case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
-    """The rows of one case; kinds remembers what each column holds."""
-    drawn = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
-    made = study.case(config, case, Streams(config.entropy, case))
-    rows = [made] if isinstance(made, Mapping) else list(made)
+    """Compute the rows of one case; kinds holds the type of each column."""
+    dispersed_values = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
+    returned = study.case(config, case, Streams(config.entropy, case))
+    rows = [returned] if isinstance(returned, Mapping) else list(returned)
     if not rows:
         raise ValueError("the study returned no row for this case")
-    return [{"case": case, "error": "", **drawn, **_convert_row(row, drawn, kinds)} for row in rows]
+    return [{"case": case, "error": "", **dispersed_values, **_convert_row(row, dispersed_values, kinds)} for row in rows]
 
 
-def _convert_row(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
+def _convert_row(row: Mapping[str, Any], dispersed_values: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
+    """Convert a study's row to plain values; `TypeError` for a reserved column or another type than in earlier rows."""
     plain = {}
     for name, value in row.items():
-        if not isinstance(name, str) or name in RESERVED or name in drawn:
+        if not isinstance(name, str) or name in RESERVED or name in dispersed_values:
             raise TypeError(f"a study's row cannot have a column {name!r}")
         item = value.item() if isinstance(value, np.generic) else value
         kind = KINDS.get(type(item))
@@ -170,7 +173,7 @@ class _Child:
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", f"from studies.montecarlo.cases import serve; serve{files}"],
             pass_fds=files,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(place or os.getcwd() for place in sys.path)},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path)},
             stdin=subprocess.DEVNULL,
         )
         theirs.close()
@@ -182,12 +185,12 @@ class _Child:
         if not self.pipe.poll(task.limit_s + GRACE_S):
             self.trace.write(f"No answer {GRACE_S:g} s after the limit.\n")
             raise EOFError
-        result, found = self.pipe.recv()
-        kinds |= found
+        result, kinds_of_child = self.pipe.recv()
+        kinds |= kinds_of_child
         return result
 
     def end(self) -> str:
-        """End the process; returns where it was at the limit, empty if it did not reach it."""
+        """End the process; returns its traceback at the limit, empty if it did not reach it."""
         self.process.kill()
         self.process.wait()
         self.pipe.close()
@@ -213,17 +216,17 @@ def _run_limited(task: Task, kinds: dict[str, str]) -> Result:
 
 
 def end_child() -> str:
-    """End the child of this process, if there is one; returns where it was at the limit."""
+    """End the child of this process, if there is one; returns its traceback at the limit."""
     return _children.pop().end() if _children else ""
 
 
 def serve(pipe: int, trace: int) -> None:
-    """Be a child: run each case that comes through the pipe."""
+    """Run each case that comes through the pipe, as a child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, ConnectionError), Connection(pipe) as worker:
         while True:
             task, kinds = worker.recv()
-            describe_provenance(find(task.study, task.folder))  # is no part of the case's time
+            describe_provenance(find(task.study, task.folder))  # before the case's time starts
             worker.send(None)
             faulthandler.dump_traceback_later(task.limit_s, exit=True, file=trace)
             result = run_cases(replace(task, limit_s=0.0), kinds)

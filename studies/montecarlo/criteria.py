@@ -1,15 +1,16 @@
-"""Criteria of a study: when it has enough cases (--until), and whether its cases show a requirement to be met (--require).
+"""Criteria of a study: a number of cases that suffices (--until), and requirements that its cases show to be met (--require).
 
 The criterion of --until is the half-width of a statistic's 95 % confidence interval: of the mean by Student's t; of the
 standard deviation by the delta method, √((m₄ − s⁴)/n)/(2 s); of a quantile by order statistics; of a share Wilson's, which
-stays wide when all values are alike. It is asked at fixed numbers of cases: where a study stops depends on its rows, never on
-which case ended first. Since it looks several times, the interval at the stop covers in a little less than 95 %.
+stays wide when all values are equal. It is tested at fixed numbers of cases: the end of a study depends on its rows, never on
+which case ended first. Since it is tested several times, the interval at the stop covers in a little less than 95 %.
 
-A requirement on a percentile is one on a probability: for p99.73, q = 1 − 0.9973 is the most that may lie beyond the limit. Of
-N independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence
-it is met if P(K ≤ k | q) ≤ β (the consumer's risk), not met if P(K ≥ k | q) ≤ β (the producer's risk), and undecided else
-(J. M. Hanson and B. B. Beard, NASA/TP-2010-216447). Equivalently, an end of the interval of C. J. Clopper and E. S. Pearson,
-Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for a number of cases that their values did not choose.
+A requirement on a percentile is one on a probability: for p99.73, at most q = 1 − 0.9973 may lie beyond the limit. Of N
+independent cases k lie beyond it, and k is binomial for any distribution of the column. With the risk β = 1 − confidence the
+requirement is met if P(K ≤ k | q) ≤ β (the consumer's risk), not met if P(K ≥ k | q) ≤ β (the producer's risk), and undecided
+otherwise (J. M. Hanson and B. B. Beard, NASA/TP-2010-216447). Equivalently, an end of the interval of C. J. Clopper and
+E. S. Pearson, Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for a number of cases that does not depend
+on their values.
 """
 
 import math
@@ -57,10 +58,10 @@ def _match_criterion(form: re.Pattern[str], text: str, option: str, usage: str) 
 
 
 def _read_column(rows: pd.DataFrame, column: str, option: str) -> pd.Series:
-    """The values of a study's own column, which are numbers or missing."""
-    known = [str(name) for name in rows if name not in RESERVED]
-    if column not in known:
-        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, known)}")
+    """Read the values of a study's own column, which are numbers or missing."""
+    columns = [str(name) for name in rows if name not in RESERVED]
+    if column not in columns:
+        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, columns)}")
     if not all(isinstance(value, bool | int | float | np.bool_ | np.number | None) for value in rows[column]):
         raise InputError(f"{option}: column {column} holds no numbers")
     return rows[column]
@@ -83,33 +84,33 @@ class StoppingRule:
         return cls(match[1] or "mean", match[2] or match[3], limit)
 
     def half_width(self, rows: pd.DataFrame) -> float:
-        """Half-width over the rows of the first cases, infinite if they are too few to have one, or reach infinite values.
+        """Compute the half-width over the rows of the first cases; infinite for too few cases or infinite values.
 
-        Of a case with several rows their mean counts, since they are not independent. Failed cases count for "failed" only.
+        Several rows of a case count by their mean, since they are not independent. Failed cases count for "failed" only.
         `InputError` if there is no such column, or it holds no numbers.
         """
         if self.column == FAILED:
             failed = rows.groupby("case")["error"].first() != ""
             return _compute_share_half_width(int(failed.sum()), len(failed))
         values = self._select_values(rows)
-        truth = values.map(type).isin([bool, np.bool_]).all() and len(values)
-        each = np.asarray(values.astype(float).groupby(rows["case"]).mean(), dtype=np.float64)
-        if truth and self.statistic == "mean" and len(each) == len(values):
-            return _compute_share_half_width(int(each.sum()), len(each))
-        each = each[~np.isnan(each)]
-        refused = self.statistic in ("mean", "std") and not np.isfinite(each).all()
-        return _compute_half_width(self.statistic, each) if len(each) > 1 and not refused else math.inf
+        is_truth = values.map(type).isin([bool, np.bool_]).all() and len(values)
+        case_means = np.asarray(values.astype(float).groupby(rows["case"]).mean(), dtype=np.float64)
+        if is_truth and self.statistic == "mean" and len(case_means) == len(values):
+            return _compute_share_half_width(int(case_means.sum()), len(case_means))
+        case_means = case_means[~np.isnan(case_means)]
+        is_refused = self.statistic in ("mean", "std") and not np.isfinite(case_means).all()
+        return _compute_half_width(self.statistic, case_means) if len(case_means) > 1 and not is_refused else math.inf
 
     def describe_values(self, rows: pd.DataFrame) -> str:
         """Describe of how many cases the statistic is, those without a value or with an infinite one, and a refusal."""
         if self.column == FAILED:
             return f"of {rows['case'].nunique()} cases"
         values = self._select_values(rows).astype(float)
-        cases, found = rows.loc[rows["error"] == "", "case"].nunique(), rows.loc[values.index, "case"]
-        missing, infinite = cases - found.nunique(), found[np.isinf(values)].nunique()
+        cases, present = rows.loc[rows["error"] == "", "case"].nunique(), rows.loc[values.index, "case"]
+        missing, infinite = cases - present.nunique(), present[np.isinf(values)].nunique()
         parts = [f"{missing} more have no value"] * (missing > 0) + [f"{infinite} are infinite"] * (infinite > 0)
         refused = [f"so there is no {self.statistic}"] if infinite and self.statistic in ("mean", "std") else []
-        return ", ".join([f"of {found.nunique()} cases", *parts, *refused])
+        return ", ".join([f"of {present.nunique()} cases", *parts, *refused])
 
     def _select_values(self, rows: pd.DataFrame) -> pd.Series:
         return _read_column(rows, self.column, "--until")[rows["error"] == ""].dropna()
@@ -119,7 +120,7 @@ class StoppingRule:
 
 
 def list_checkpoints(cases: int, part: int) -> Iterator[int]:
-    """Numbers of cases at which the criterion is asked, whole parts of so many cases, the last one all."""
+    """List the numbers of cases at which the criterion is tested, whole parts of `part` cases, the last one all."""
     size = float(FIRST)
     while (count := -(-math.ceil(size) // part) * part) < cases:
         yield count
@@ -134,8 +135,8 @@ def _compute_share_half_width(successes: int, trials: int) -> float:
 
 def _compute_half_width(statistic: str, values: Array) -> float:
     if statistic not in ("mean", "std"):
-        share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
-        interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+        probability = 0.5 if statistic == "median" else int(statistic[1:]) / 100
+        interval = stats.quantile_test(values, p=probability).confidence_interval(LEVEL)
         # An end may be infinite: the interval reaches beyond the sample, or to infinite values.
         ends = interval.low, interval.high
         return float(interval.high - interval.low) / 2 if np.isfinite(ends).all() else math.inf
@@ -149,11 +150,11 @@ def _compute_half_width(statistic: str, values: Array) -> float:
 
 @dataclass(frozen=True)
 class Answer:
-    """Whether a requirement is met."""
+    """The outcome of a requirement."""
 
     requirement: str  # requirement, outcome: as text; met, not met or undecided
     outcome: Outcome
-    cases: int  # cases, beyond: number of cases, and of those that do not keep the limit, failed and empty ones among them
+    cases: int  # cases, beyond: number of all cases, and of those beyond the limit, which include failed and empty ones
     beyond: int
     failed: int  # failed, empty, infinite: cases that ended with an error, without a value, and with an infinite one beyond it
     empty: int
@@ -164,9 +165,9 @@ class Answer:
         kinds = {"failed": self.failed, "without a value": self.empty, "infinite": self.infinite}
         parts = [f"{count} {kind}" for kind, count in kinds.items() if count]
         among = f", among them {' and '.join(parts)}" if parts else ""
-        found = f"{self.requirement}: {self.outcome}; {self.beyond} of {self.cases} cases are beyond the limit{among}"
-        more = f" {self.fewest} further cases show it met if all keep the limit." if self.outcome == "undecided" else ""
-        return f"{found}.{more}"
+        answer = f"{self.requirement}: {self.outcome}; {self.beyond} of {self.cases} cases are beyond the limit{among}"
+        further = f" {self.fewest} further cases show it met if all keep the limit." if self.outcome == "undecided" else ""
+        return f"{answer}.{further}"
 
 
 @dataclass(frozen=True)
@@ -183,10 +184,10 @@ class Requirement:
     def parse(cls, text: str) -> Self:
         """Parse a text such as "p99.73(pointing_deg) < 0.4 @ 90%" or "p1(x) > 0.1"; `InputError` if it is not of that form."""
         match, limit = _match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
-        found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
-        if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
+        requirement = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
+        if not (0 < requirement.percentile < 100 and 50 < requirement.confidence < 100):
             raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
-        return found
+        return requirement
 
     def __str__(self) -> str:
         return f"p{self.percentile:.12g}({self.column}) {self.sign} {self.limit:.12g} @ {self.confidence:.12g} %"
@@ -194,46 +195,46 @@ class Requirement:
     @property
     def failure_probability(self) -> float:
         """Probability of a case beyond the limit that is just allowed."""
-        share = self.percentile / 100
-        return 1 - share if self.sign == "<" else share
+        probability = self.percentile / 100
+        return 1 - probability if self.sign == "<" else probability
 
     def judge(self, rows: pd.DataFrame) -> Answer:
-        """Answer from all rows of a study.
+        """Judge the requirement from all rows of a study.
 
-        A failed case counts as one beyond the limit, and so does one without a value. Of a case with several rows the worst
-        counts. `InputError` if there is no such column, or it holds no numbers.
+        A failed case counts as beyond the limit, and so does one without a value. A case with several rows counts by the worst.
+        `InputError` if there is no such column, or it holds no numbers.
         """
         numbers = _read_column(rows, self.column, "--require").astype(float)
-        kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
+        is_within = numbers < self.limit if self.sign == "<" else numbers > self.limit
         failed = rows["error"] != ""
-        infinite = np.isinf(numbers) & ~kept
+        infinite = np.isinf(numbers) & ~is_within
         by_case = pd.DataFrame(
-            {"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed, "infinite": infinite}
+            {"beyond": ~is_within | failed, "failed": failed, "empty": numbers.isna() & ~failed, "infinite": infinite}
         )
         counts = by_case.groupby(rows["case"]).any()
         return self.judge_counts(len(counts), *(int(counts[name].sum()) for name in counts))
 
     def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0, infinite: int = 0) -> Answer:
-        """Answer from the number of cases and of those beyond the limit."""
+        """Judge the requirement from the number of cases and of those beyond the limit."""
         q, risk = self.failure_probability, 1 - self.confidence / 100
-        met, missed = (tail(beyond, cases, q) <= risk for tail in (compute_tail_below, compute_tail_above))
-        outcome: Outcome = "met" if met else "not met" if missed else "undecided"
+        is_met, is_missed = (tail(beyond, cases, q) <= risk for tail in (compute_tail_below, compute_tail_above))
+        outcome: Outcome = "met" if is_met else "not met" if is_missed else "undecided"
         fewest = count_runs(beyond, q, risk) - cases if outcome == "undecided" else 0
         return Answer(str(self), outcome, cases, beyond, failed, empty, infinite, fewest)
 
 
 def compute_tail_below(count: float, cases: float, q: float) -> float:
-    """P(K ≤ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
+    """Compute P(K ≤ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
     return float(special.betaincc(count + 1, cases - count, q)) if count < cases else 1.0
 
 
 def compute_tail_above(count: float, cases: float, q: float) -> float:
-    """P(K ≥ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
+    """Compute P(K ≥ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
     return float(special.betainc(count, cases - count + 1, q)) if count > 0 else 1.0
 
 
 def count_runs(beyond: int, q: float, risk: float) -> int:
-    """Fewest cases that show a requirement met with so many beyond the limit: the smallest N with P(K ≤ beyond) ≤ risk.
+    """Count the cases needed to show a requirement met with so many beyond: the smallest N with P(K ≤ beyond) ≤ risk.
 
     That is P(the failure after these comes later than case N), a negative binomial's tail.
     """
@@ -252,5 +253,5 @@ def check_independent(config: StudyConfig, option: str) -> None:
 
 
 def draws_independently(config: Any) -> bool:
-    """Whether the cases of a study are independent draws."""
+    """Check that the cases of a study are independent draws."""
     return not isinstance(config, GridConfig) and (config.sampler == "random" or not config.dispersions)

@@ -1,6 +1,6 @@
-"""Dispersions: which values of a scenario differ from case to case, and how.
+"""Dispersions: distributions of scenario values that differ from case to case.
 
-A dispersion names a scenario value by its dotted path and a distribution. The number drawn takes the value's place
+A dispersion names a scenario value by its dotted path and a distribution. The drawn number replaces the value
 (``mode = "absolute"``), is added to it (``"offset"``) or multiplies it (``"factor"``)::
 
     [dispersions."gyro.true_G.0.0"]
@@ -40,7 +40,7 @@ Sampler = Literal["random", "lhs", "sobol"]
 SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite
 SOBOL_BITS = 32  # as many cases as there are case numbers
 SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix: below it the Cholesky factor is rounding
-SOBOL_BLOCK = 1024  # rows made at a time; a power of two, as the sequence wants
+SOBOL_BLOCK = 1024  # rows of one draw; a power of two, which the sequence needs
 
 
 class _Distribution(BaseModel):
@@ -61,7 +61,7 @@ class Normal(_Distribution):
     sigma: float = Field(gt=0)
 
     def quantile(self, u: float) -> float:
-        """The draw of which a share u of all draws lies below."""
+        """Return the draw below which a share u of all draws lies."""
         return float(self.mean + self.sigma * ndtri(u))
 
 
@@ -83,7 +83,7 @@ class Uniform(_Range):
     kind: Literal["uniform"]
 
     def quantile(self, u: float) -> float:
-        """The draw of which a share u of all draws lies below."""
+        """Return the draw below which a share u of all draws lies."""
         return self.low + (self.high - self.low) * u
 
 
@@ -94,7 +94,7 @@ class LogUniform(_Range):
     low: float = Field(gt=0)
 
     def quantile(self, u: float) -> float:
-        """The draw of which a share u of all draws lies below."""
+        """Return the draw below which a share u of all draws lies."""
         return float(np.exp(np.log(self.low) + (np.log(self.high) - np.log(self.low)) * u))
 
 
@@ -122,13 +122,13 @@ class Correlation(BaseModel):
         return self
 
     def correlate(self, shares: Array) -> Array:
-        """Correlated numbers of (0, 1) from independent ones, in the order of the paths; the first stays as it is."""
+        """Correlate independent numbers of (0, 1), in the order of the paths; the first is unchanged."""
         mixed = ndtr(np.linalg.cholesky(np.array(self.matrix)) @ ndtri(shares))
         return np.array([shares[0], *np.clip(mixed[1:], SMALLEST_U, 1 - 2 * SMALLEST_U)])
 
 
 def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, case: int, cases: int) -> Iterator[float]:
-    """One number of (0, 1) for each path, in the order of the paths."""
+    """Draw one number of (0, 1) for each path, in the order of the paths."""
     for dimension, path in enumerate(paths):
         if sampler == "random":
             u = float(generator(entropy, case, f"dispersions/{path}").random())
@@ -142,7 +142,7 @@ def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, cas
 
 @lru_cache(maxsize=64)
 def _draw_hypercube(entropy: int, path: str, cases: int) -> Array:
-    """(cases,) the path's column of the Latin hypercube: one number in each of so many equal strata."""
+    """Draw the path's column (cases,) of the Latin hypercube: one number in each of as many equal strata."""
     from scipy.stats import qmc  # only here: it costs every process 30 MB
 
     rng = generator(entropy, 0, f"dispersions lhs/{path}")
@@ -151,34 +151,34 @@ def _draw_hypercube(entropy: int, path: str, cases: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _generate_sobol(entropy: int, path: str, dimension: int, block: int) -> Array:
-    """(SOBOL_BLOCK,) rows of one dimension of the Sobol sequence, scrambled from the path's own stream."""
+    """Generate SOBOL_BLOCK rows of one dimension of the Sobol sequence, scrambled from the path's own stream."""
     from scipy.stats import qmc  # only here: it costs every process 30 MB
 
     rng = generator(entropy, 0, f"dispersions sobol/{path}")
     engine = qmc.Sobol(d=dimension + 1, scramble=True, bits=SOBOL_BITS, rng=rng)
     if block:
         engine.fast_forward(block * SOBOL_BLOCK)
-    # The scrambled points are multiples of 2^-32 with 0 among them: their cells' middles are not.
+    # The scrambled points are multiples of 2^-32 and may be 0: the middles of their cells are not.
     return np.asarray(engine.random(SOBOL_BLOCK)[:, dimension]) + 0.5 ** (SOBOL_BITS + 1)
 
 
 def get_scenario_value(scenario: Scenario, path: str) -> float:
-    """The number at a dotted path of a scenario; `InputError` if there is none."""
-    place: Any = scenario
+    """Return the number at a dotted path of a scenario; `InputError` if there is none."""
+    value: Any = scenario
     for key in path.split("."):
-        if isinstance(place, BaseModel) and key in type(place).model_fields:
-            place = getattr(place, key)
-        elif isinstance(place, tuple) and key.isdecimal() and int(key) < len(place):
-            place = place[int(key)]
+        if isinstance(value, BaseModel) and key in type(value).model_fields:
+            value = getattr(value, key)
+        elif isinstance(value, tuple) and key.isdecimal() and int(key) < len(value):
+            value = value[int(key)]
         else:
             raise InputError(f"dispersions: {path}: the scenario has no such value; there is no {key!r}")
-    if isinstance(place, bool) or not isinstance(place, int | float):
-        raise InputError(f"dispersions: {path}: only a number can be dispersed, and this is {place!r:.60}")
-    return float(place)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"dispersions: {path}: only a number can be dispersed, and this is {value!r:.60}")
+    return float(value)
 
 
 def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlations: Sequence[Correlation] = ()) -> None:
-    """Raise `InputError` if a dispersion cannot act on the scenario, or a correlated path is not dispersed or stands twice.
+    """Raise `InputError` if a dispersion cannot act on the scenario, or a correlated path is not dispersed or given twice.
 
     The scenario must be valid with every draw at its median.
     """
@@ -193,7 +193,7 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlation
             raise InputError(f"dispersions: {path}: is no Dispersion; declare the field as dict[str, Dispersion]")
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
-    override(scenario, _evaluate_at_shares(dispersions, scenario, repeat(0.5)))
+    override(scenario, _evaluate_quantiles(dispersions, scenario, repeat(0.5)))
 
 
 def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
@@ -203,12 +203,12 @@ def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
     for group in config.correlations:
         mixed = group.correlate(np.array([by_path[path] for path in group.paths]))
         by_path |= dict(zip(group.paths, mixed.tolist(), strict=True))
-    return _evaluate_at_shares(config.dispersions, scenario, by_path.values())
+    return _evaluate_quantiles(config.dispersions, scenario, by_path.values())
 
 
-def _evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
-    """Evaluate the dispersed values, each at a share of its distribution, in the order of the dispersions."""
+def _evaluate_quantiles(dispersions: Mapping[str, Dispersion], scenario: Scenario, levels: Iterable[float]) -> dict[str, float]:
+    """Evaluate the dispersed values, each at a quantile of its distribution, in the order of the dispersions."""
     return {
-        path: dispersion.apply_draw(dispersion.quantile(share), get_scenario_value(scenario, path))
-        for (path, dispersion), share in zip(dispersions.items(), shares, strict=False)
+        path: dispersion.apply_draw(dispersion.quantile(level), get_scenario_value(scenario, path))
+        for (path, dispersion), level in zip(dispersions.items(), levels, strict=False)
     }

@@ -1,4 +1,4 @@
-"""The Monte Carlo engine: runs a study's cases, thousands of them, so that they can be stopped, resumed, repeated and trusted.
+"""The Monte Carlo engine: runs the cases of a study, which can be stopped, resumed and repeated bit for bit.
 
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
@@ -12,7 +12,7 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
 A case that raises or kills its worker is a row with its error; everything else goes on.
 
-The way of a case: `run` makes a `studies.montecarlo.session.Session`, which hands tasks of some cases each to the backend
+The course of a case: `run` makes a `studies.montecarlo.session.Session`, which hands tasks of some cases each to the backend
 (`studies.montecarlo.backends.Executor.results`); a worker runs them (`studies.montecarlo.cases.run_cases`), and the session
 stores the rows that come back as a part.
 """
@@ -69,11 +69,11 @@ class Outcome:
     failures: dict[int, str]  # error of each failed case
     warnings: dict[str, int]  # how often each warning was given in this run
     wall_s: float  # duration of this run
-    cpu_s: float  # CPU time of all cases, in whatever run they were computed
-    manifest: dict[str, Any]  # what the folder's manifest says, without the files
+    cpu_s: float  # CPU time of all cases, including earlier runs
+    manifest: dict[str, Any]  # contents of the folder's manifest, without the files
 
     def load(self, columns: list[str] | None = None) -> pd.DataFrame:
-        """The table, or some columns of it."""
+        """Load the table, or some columns of it."""
         return pd.read_parquet(self.table, columns=columns)
 
     def check(self) -> None:
@@ -83,16 +83,16 @@ class Outcome:
             raise GyrocalError(f"{len(self.failures)} of {self.cases} cases failed, the first one case {case}: {error}")
 
     def summary(self) -> str:
-        """One line: how many cases, failures, and the time they took."""
+        """Summarise the cases, failures and times in one line."""
         resumed = f" ({self.resumed} of them from an earlier run)" if self.resumed else ""
         kinds = Counter(error.partition(":")[0] for error in self.failures.values())
-        which = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
-        failed = f"{len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else "none failed"
-        met = ""
+        counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
+        failed = f"{len(self.failures)} failed ({counts}; see {self.folder / 'failures'})" if self.failures else "none failed"
+        criterion = ""
         if until := self.manifest.get("until"):
             answer = "met" if until["met"] else "NOT met"
-            met = f", {until['asked']} is {answer}: {until['half_width']:.3g} {until['values']}"
-        return f"{self.cases} cases{resumed}, {failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+            criterion = f", {until['asked']} is {answer}: {until['half_width']:.3g} {until['values']}"
+        return f"{self.cases} cases{resumed}, {failed}{criterion}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Rerun:
 
 
 def show_no_progress(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
-    """No progress."""
+    """Show no progress."""
     return nullcontext(lambda count: None)
 
 
@@ -126,17 +126,17 @@ def run(
     until: StoppingRule | None = None,
     limit_s: float = 0.0,
 ) -> Outcome:
-    """Run a study, or what is left of it, and write its table.
+    """Run a study, or the cases of it that are missing, and write its table.
 
     Parameters
     ----------
     study : what to run
     config : its configuration
-    folder : where it is written; if it holds a part of the same study, that is resumed
+    folder : where it is written; if it holds a part of the same study, the run resumes it
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
-    progress : (label, cases left) to a context with a function that is told how many more have ended; for example
+    progress : (label, cases left) to a context of a function that takes the number of further cases ended; for example
         ``studies.report.console.show_progress``
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
@@ -189,7 +189,7 @@ def run(
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     """Repeat one case in this process and keep its recording in ``folder/cases``.
 
-    An `InputError` if there is no such case, or the folder holds another study.
+    Raises `InputError` if there is no such case, or the folder holds another study.
 
     Parameters
     ----------
@@ -210,16 +210,16 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
 
 
 def load_stored_config(study: Study, folder: Path) -> StudyConfig | None:
-    """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
-    found = read_study_manifest(folder)
+    """Load the configuration, as given, of the study in a folder; None without one that this study can have."""
+    manifest = read_study_manifest(folder)
     try:
-        return study.config.model_validate_json(json.dumps(found["config"])) if found else None
+        return study.config.model_validate_json(json.dumps(manifest["config"])) if manifest else None
     except (KeyError, ValidationError):
         return None
 
 
 def read_study_manifest(folder: Path) -> dict[str, Any] | None:
-    """Manifest of the study in a folder, None if there is none; `InputError` if it is none of a study."""
+    """Read the manifest of the study in a folder; None without one, `InputError` if it is no study's."""
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -232,7 +232,7 @@ def read_study_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[..., Task], StudyConfig, dict[str, Any]]:
-    """Return a maker of tasks from ranges of cases, the resolved configuration, and what the manifest says of both.
+    """Return a maker of tasks from ranges of cases, the resolved configuration, and its entries in the manifest.
 
     That is the configuration as given, the resolved scenario, and the hash of both.
     """
@@ -242,31 +242,34 @@ def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[..., Task], St
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
     ready = resolve_config(config)
-    text, given = ready.model_dump_json(), config.model_dump(mode="json")
+    text, stated = ready.model_dump_json(), config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
-        given["scenario"] = config.scenario.title
+        stated["scenario"] = config.scenario.title
     scenario = ready.model_dump(mode="json")["scenario"]
-    about = {"study": study.name, "config": given, "scenario": scenario, "config_sha256": hash_config(study, ready)}
+    about = {"study": study.name, "config": stated, "scenario": scenario, "config_sha256": hash_config(study, ready)}
     return partial(Task, study.name, text, folder=folder), study.config.model_validate_json(text), about
 
 
 def _load_earlier_manifest(about: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
-    """Manifest of the same study in the folder, None if there is none; `InputError` if it is of another study."""
-    found = read_study_manifest(folder)
-    if found is None or found["config_sha256"] == about["config_sha256"]:
-        return found
-    settings = [{"study": one.get("study"), **one.get("config", {})} for one in (found, about)]
+    """Load the manifest of the same study in the folder; None without one, `InputError` if of another study."""
+    earlier = read_study_manifest(folder)
+    if earlier is None or earlier["config_sha256"] == about["config_sha256"]:
+        return earlier
+    settings = [{"study": description.get("study"), **description.get("config", {})} for description in (earlier, about)]
     # With the same settings the content of a scenario file differs, or the order of the dispersions.
     orders = [list(config.get("dispersions", {})) for config in settings]
-    content = [{"scenario": one.get("scenario"), "order": order} for one, order in zip((found, about), orders, strict=True)]
-    what = list_changes(*settings) or list_changes(*content)
-    raise InputError(f"{folder}: holds a study with another configuration ({what}); {ANOTHER_FOLDER}")
+    content = [
+        {"scenario": description.get("scenario"), "order": order}
+        for description, order in zip((earlier, about), orders, strict=True)
+    ]
+    changes = list_changes(*settings) or list_changes(*content)
+    raise InputError(f"{folder}: holds a study with another configuration ({changes}); {ANOTHER_FOLDER}")
 
 
 def _is_same_table(before: pd.DataFrame, now: pd.DataFrame) -> bool:
-    """Whether two tables of a case hold the same; columns that only other cases have are empty."""
-    empty = before.drop(columns=list(now), errors="ignore")
-    return set(now) <= set(before) and bool(empty.isna().all(axis=None)) and before[list(now)].equals(now)
+    """Check that two tables of a case are equal; columns that only other cases have are empty."""
+    only_before = before.drop(columns=list(now), errors="ignore")
+    return set(now) <= set(before) and bool(only_before.isna().all(axis=None)) and before[list(now)].equals(now)
 
 
 def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | None:
@@ -285,9 +288,9 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
 
 @contextmanager
 def open_study_folder(folder: Path) -> Iterator[None]:
-    """Make the folder and hold it for this run, or raise `InputError`; the lock ends with the process, however that ends."""
+    """Make the folder and lock it for this run, or raise `InputError`; the lock ends with the process in any case."""
     folder.mkdir(parents=True, exist_ok=True)
-    # Neither through a link nor emptying what is there: nothing is written to it.
+    # Without following a link or truncating a file: nothing is written to the lock file.
     with os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -28,7 +28,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def format_json(value: Any) -> str:
-    """A value as JSON for people; numbers that are none (NaN, infinity) become null, numpy's scalars become numbers."""
+    """Format a value as JSON for people; NaN and infinity become null, numpy's scalars numbers."""
     return json.dumps(convert_to_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
 
 
@@ -38,21 +38,21 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
-    """Write a table as CSV, its numbers with so many digits, also those beside texts in a column."""
+    """Write a table as CSV, its numbers with `digits` significant digits, also in columns that hold texts too."""
     table = table.copy()
     for name in [name for name in table if table[name].dtype == object]:
-        table[name] = [float(f"{one:.{digits}g}") if isinstance(one, float) else one for one in table[name]]
+        table[name] = [float(f"{value:.{digits}g}") if isinstance(value, float) else value for value in table[name]]
     write_text(path, table.to_csv(index=False, float_format=f"%.{digits}g"))
 
 
 def write_parquet(path: Path, table: pd.DataFrame) -> None:
-    """Write a table as Parquet, packed as hard as is quick: answers of a thousand diagnoses are text that repeats itself."""
+    """Write a table as Parquet with zstd compression: answers of a thousand diagnoses are repetitive text."""
     with open_replacement(path) as file:
         table.to_parquet(file, index=False, write_page_checksum=True, compression="zstd")
 
 
 def convert_to_plain(value: Any) -> Any:
-    """A value as JSON can have it: numpy's scalars and arrays as numbers and lists, what is not finite as None."""
+    """Convert a value to JSON's types: numpy's scalars and arrays to numbers and lists, not finite numbers to None."""
     if isinstance(value, dict):
         return {str(key): convert_to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

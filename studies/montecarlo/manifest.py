@@ -1,8 +1,7 @@
-"""The manifest of a folder, and what rows are made with: source code, versions, and the machine.
+"""The manifest of a folder, and the provenance of rows: source code, versions, and the machine.
 
-BLAS picks kernels by the processor, numpy its vector code, compiled code (numba) the fused multiply-add, and the C library its
-functions. Rows for which the source code and all of this are the same are the same, bit for bit; a study does not put others
-beside them.
+BLAS selects kernels by the processor, numpy its vector code, compiled code (numba) the fused multiply-add, and the C library
+its functions. Rows are equal bit for bit if the source code and all of this are the same; a study mixes them with no others.
 """
 
 import hashlib
@@ -40,16 +39,16 @@ SHOWN_DIFFERENCES = 4  # differences that a message names
 
 
 def hash_bytes(data: bytes) -> str:
-    """SHA-256 in hexadecimal."""
+    """Compute the SHA-256 in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 def read_commit() -> str | None:
-    """Commit of the source this runs from, with "+changes" if it is not clean; None outside a repository."""
+    """Read the commit of this source, with "+changes" if it is not clean; None outside a repository."""
     folder = Path(__file__).parent
     try:
         head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, check=True)
-        # Results are what a run writes; they do not make the source unclean.
+        # Results, which a run writes, do not make the source unclean.
         sources = ["status", "--porcelain", "--", ":/", ":(top,exclude)results"]
         status = subprocess.run(["git", *sources], cwd=folder, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
@@ -57,9 +56,9 @@ def read_commit() -> str | None:
     return head.stdout.strip() + ("+changes" if status.stdout.strip() else "")
 
 
-def collect_versions(more: Iterable[str] = ()) -> dict[str, Any]:
-    """Commit, Python, and packages, some more than `REPORTED_PACKAGES` if asked for."""
-    packages = {name: metadata.version(name) for name in (*REPORTED_PACKAGES, *more)}
+def collect_versions(further: Iterable[str] = ()) -> dict[str, Any]:
+    """Collect commit, Python, and versions of `REPORTED_PACKAGES` and further packages."""
+    packages = {name: metadata.version(name) for name in (*REPORTED_PACKAGES, *further)}
     return {"commit": read_commit(), "python": platform.python_version(), "packages": packages}
 
 
@@ -76,11 +75,11 @@ def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True
 
 @lru_cache(maxsize=64)
 def describe_provenance(study: Study) -> dict[str, Any]:
-    """Describe what a study's rows are made with in this process: the hash of each source file, and the machine.
+    """Describe the provenance of a study's rows in this process: the hash of each source file, and the machine.
 
-    The sources are read once a process for the same functions: what this process has loaded is as old as that. They are the
-    tables of our packages, and the modules that the study and the running of its cases import, also within functions, without
-    those of installed packages.
+    The sources are read once a process for the same functions, since the process keeps what it has loaded. They are the tables
+    of our packages, and the modules that the study and the running of its cases import, also within functions, without those of
+    installed packages.
     """
     files = {path.relative_to(PROJECT).as_posix(): path for name in SOURCE_PACKAGES for path in (PROJECT / name).rglob("*")}
     files = {name: path for name, path in files.items() if path.suffix in TABLE_SUFFIXES}
@@ -90,30 +89,30 @@ def describe_provenance(study: Study) -> dict[str, Any]:
 
 
 def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
-    """Find the files of modules and of all that they import, by their path in the packages; nothing is imported for this."""
-    found: dict[str, Path] = {}
-    names, known = list(modules), dict[str, ModuleSpec | None]()
+    """Find the files of modules and of all their imports, by their path in the packages, without importing them."""
+    files: dict[str, Path] = {}
+    names, specs = list(modules), dict[str, ModuleSpec | None]()
     while names:
         parts = names.pop().split(".")
         locations: Any = None
         for name in (".".join(parts[:count]) for count in range(1, len(parts) + 1)):
-            if name not in known:
+            if name not in specs:
                 spec = getattr(sys.modules.get(name), "__spec__", None) or PathFinder.find_spec(name, locations)
-                known[name] = spec if spec and (locations or not _is_installed(name, spec)) else None
-                if spec and known[name] and spec.has_location:
+                specs[name] = spec if spec and (locations or not _is_installed(name, spec)) else None
+                if spec and specs[name] and spec.has_location:
                     path, is_package = Path(str(spec.origin)).resolve(), spec.submodule_search_locations is not None
-                    found[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
+                    files[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
                     names += _read_imports(name, path, is_package)
-            locations = getattr(known[name], "submodule_search_locations", None)
+            locations = getattr(specs[name], "submodule_search_locations", None)
             if locations is None:
                 break
-    return found
+    return files
 
 
 def _is_installed(name: str, spec: ModuleSpec) -> bool:
     """Check whether a top-level module is of the standard library or an installed package, not of this project."""
-    places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
-    installed = any({"site-packages", "dist-packages"} & {*place.parts} for place in places)
+    folders = [Path(folder).resolve() for folder in spec.submodule_search_locations or [str(spec.origin)]]
+    installed = any({"site-packages", "dist-packages"} & {*folder.parts} for folder in folders)
     return name not in SOURCE_PACKAGES and (installed or name in sys.stdlib_module_names)
 
 
@@ -123,26 +122,30 @@ def _read_imports(module: str, path: Path, is_package: bool) -> list[str]:
     names = []
     for source, imported, plain, computed in IMPORT.findall(re.sub(r"\\\n|#.*", " ", text)):
         dots = len(source) - len(source.lstrip("."))
+        # Parents of a relative import: one dot is the package itself, each further one the package above.
         above = module.split(".")[: len(module.split(".")) - dots + is_package] if dots else []
         base = ".".join([*above, *filter(None, [source.lstrip(".")])])
-        names += [base, *(f"{base}.{one.split()[0]}" for one in imported.strip("() \n").split(",") if source and one.strip())]
-        names += [one.split()[0] for one in plain.split(",") if one.strip()] + [computed]
+        attributes = [part.split()[0] for part in imported.strip("() \n").split(",") if source and part.strip()]
+        names += [base, *(f"{base}.{attribute}" for attribute in attributes)]
+        names += [part.split()[0] for part in plain.split(",") if part.strip()] + [computed]
     if is_package and "import_module(f" in text:
-        names += [".".join([module, *one.relative_to(path.parent).with_suffix("").parts]) for one in path.parent.rglob("*.py")]
+        files = [file.relative_to(path.parent).with_suffix("") for file in path.parent.rglob("*.py")]
+        names += [".".join([module, *file.parts]) for file in files]
     return [name for name in names if name]
 
 
 @cache
 def describe_machine() -> dict[str, str]:
-    """Name what decides the last digits here, for this process."""
+    """Describe the libraries and the processor, which decide the last digits in this process."""
     import numba
     import scipy.linalg  # its BLAS is one of those to be found  # noqa: F401
     from threadpoolctl import threadpool_info
 
     loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
-    # Another package may have brought a BLAS of its own, in this process and not in a worker.
+    # Another package may have loaded its own BLAS, in this process and not in a worker.
     used = [library for library in loaded if re.search("numpy|scipy", library["filepath"])] or loaded
-    kernels = {" ".join(str(one.get(key) or "?") for key in ("internal_api", "version", "architecture")) for one in used}
+    keys = ("internal_api", "version", "architecture")
+    kernels = {" ".join(str(library.get(key) or "?") for key in keys) for library in used}
     vectors = (np.show_config(mode="dicts") or {}).get("SIMD Extensions", {})
     return {
         "system": f"{platform.system()} {platform.machine()} {' '.join(platform.libc_ver())}".strip(),
@@ -158,16 +161,18 @@ def list_changes(before: Mapping[str, Any], now: Mapping[str, Any], *, values: b
     """List the first values that differ as "key: old → new" (– is none), or only their keys, and how many more there are."""
     old, new = (_flatten_values(before), _flatten_values(now)) if values else (before, now)
     keys = [key for key in dict.fromkeys([*old, *new]) if old.get(key, "–") != new.get(key, "–")]
-    more = f" and {len(keys) - SHOWN_DIFFERENCES} more" if len(keys) > SHOWN_DIFFERENCES else ""
-    shown = (f"{key}: {old.get(key, '–')} → {new.get(key, '–')}" if values else key for key in keys[:SHOWN_DIFFERENCES])
-    return ", ".join(shown) + more
+    further = f" and {len(keys) - SHOWN_DIFFERENCES} more" if len(keys) > SHOWN_DIFFERENCES else ""
+    changes = (f"{key}: {old.get(key, '–')} → {new.get(key, '–')}" if values else key for key in keys[:SHOWN_DIFFERENCES])
+    return ", ".join(changes) + further
 
 
 def _flatten_values(value: Any, path: str = "") -> dict[str, Any]:
-    """The single values of nested dictionaries and lists by dotted path, without empty ones and None."""
+    """Return the leaves of nested dictionaries and lists by dotted path, without empty ones and None."""
     items = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list | tuple) else None
     if items is None:
         return {} if value is None else {path: value}
     return {
-        key: one for name, item in items for key, one in _flatten_values(item, f"{path}.{name}" if path else str(name)).items()
+        key: leaf
+        for name, item in items
+        for key, leaf in _flatten_values(item, f"{path}.{name}" if path else str(name)).items()
     }

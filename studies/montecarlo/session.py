@@ -1,4 +1,4 @@
-"""One run of a study in its folder: which cases are missing, what became of them, how the run ended, and the manifest."""
+"""One run of a study in its folder: missing cases, their results, the end of the run, and the manifest."""
 
 import logging
 import time
@@ -21,13 +21,13 @@ SEED_FORMULA = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
 
 class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
-    """Ctrl-C stopped the study; the message says how far it is and that the same command resumes it."""
+    """Ctrl-C stopped the study; the message gives its progress and that the same command resumes it."""
 
     exit_status = 130  # as shells have it
 
 
 class Session:
-    """One run of a study in its folder: what the manifest says of it, what is done, and what failed."""
+    """One run of a study in its folder: its entries in the manifest, finished cases and failed cases."""
 
     def __init__(self, parts: Parts, about: Mapping[str, Any], earlier: Mapping[str, Any] | None, made_with: Any) -> None:
         self.parts, self.before, self.made_with, self.cases = parts, earlier or {}, made_with, parts.cases
@@ -45,7 +45,7 @@ class Session:
         self.warnings.update(warnings)
 
     def find_missing_cases(self, retry_failed: bool) -> list[range]:
-        """The cases that are still to be computed, part by part."""
+        """Find the cases that are still to be computed, part by part."""
         self.parts.remove_temporary()
         missing = []
         for cases in self.parts.list_ranges():
@@ -61,27 +61,27 @@ class Session:
             self._check_provenance(bool(missing))
         return missing
 
-    def _check_provenance(self, more: bool) -> None:
-        """Refuse finished rows of other source code, and more rows than those on another machine."""
+    def _check_provenance(self, has_missing: bool) -> None:
+        """Raise `InputError` for finished rows of other source code, and for missing rows on another machine."""
         before = {name: self.before.get(name) for name in self.made_with}
-        elsewhere = list_changes(before["machine"] or {}, self.made_with["machine"])
+        machine_changes = list_changes(before["machine"] or {}, self.made_with["machine"])
         if before["sources"] != self.made_with["sources"]:
             files = list_changes(before["sources"], self.made_with["sources"], values=False) if before["sources"] else ""
-            how = f"before {files or 'the source code'} changed"
-        elif elsewhere and more:
-            how = f"elsewhere ({elsewhere})"
+            reason = f"before {files or 'the source code'} changed"
+        elif machine_changes and has_missing:
+            reason = f"elsewhere ({machine_changes})"
         else:
-            self.about |= before  # a run that makes no rows leaves what made them
+            self.about |= before  # a run without new rows keeps the provenance of the old ones
             return
-        raise InputError(f"{self.parts.folder}: {self.done} finished cases were computed {how}; {ANOTHER_FOLDER}")
+        raise InputError(f"{self.parts.folder}: {self.done} finished cases were computed {reason}; {ANOTHER_FOLDER}")
 
     def finish(self, run_missing: Callable[[list[range]], None], missing: list[range], until: StoppingRule | None) -> None:
-        """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
+        """Run the missing cases, or as many as the criterion needs; the study ends with these."""
         for stop in list_checkpoints(self.cases, self.parts.size) if until else [self.cases]:
-            now = [cases for cases in missing if cases.stop <= stop]
-            missing = missing[len(now) :]
-            if now:
-                run_missing(now)
+            due = [cases for cases in missing if cases.stop <= stop]
+            missing = missing[len(due) :]
+            if due:
+                run_missing(due)
             if until is None:
                 return
             table, columns = self.parts.table(stop), list(dict.fromkeys(["case", "error", until.column]))
@@ -116,9 +116,9 @@ class Session:
     def _store(self, cases: range, result: Result) -> None:
         """Store a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with):
-            differs = list_changes(self.made_with["machine"], result.made_with["machine"])
+            machine = list_changes(self.made_with["machine"], result.made_with["machine"])
             files = list_changes(self.made_with["sources"], result.made_with["sources"], values=False)
-            raise InputError(f"a worker differs ({differs or files}); make them alike, or undo what was edited during the run")
+            raise InputError(f"a worker differs ({machine or files}); make them alike, or undo what was edited during the run")
         for case in cases:
             path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
             if case in result.tracebacks:
@@ -130,6 +130,7 @@ class Session:
         self.count(result.warnings)
 
     def _add(self, cases: range, failures: Mapping[int, str], cpu_s: float) -> None:
+        """Count finished cases, with their failures and CPU time."""
         self.done += len(cases)
         self.failures.update(failures)
         self.cpu_s += cpu_s
@@ -152,18 +153,18 @@ class Session:
 
     @contextmanager
     def record_ending(self) -> Iterator[None]:
-        """Whatever ends the run early is written down, and said in one line if it is not the program's fault."""
+        """Record the early end of a run in the manifest, and report it in one line unless it is the program's fault."""
         try:
             yield
         except BaseException as error:
             with suppress(OSError):  # a full disk must not hide how the run ended
                 self.write("interrupted")
-            safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
+            progress = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
             if isinstance(error, KeyboardInterrupt):
-                raise StudyInterrupted(f"interrupted; {safe}; the same command resumes") from None
+                raise StudyInterrupted(f"interrupted; {progress}; the same command resumes") from None
             if isinstance(error, SchedulerLostError):
-                raise SchedulerLostError(f"{error}; {safe}; start it again there, and the same command resumes") from None
+                raise SchedulerLostError(f"{error}; {progress}; start it again there, and the same command resumes") from None
             if isinstance(error, OSError):
-                where, why = error.filename or self.parts.folder, error.strerror or error
-                raise InputError(f"{where}: {why}; {safe}; the same command resumes") from None
+                file, why = error.filename or self.parts.folder, error.strerror or error
+                raise InputError(f"{file}: {why}; {progress}; the same command resumes") from None
             raise

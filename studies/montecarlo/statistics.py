@@ -15,7 +15,7 @@ from gyrocal.arrays import Array
 
 @dataclass(frozen=True)
 class Nees:
-    """Mean NEES over the cases, its two-sided bounds, and whether it is inside."""
+    """Mean NEES over the cases and its two-sided bounds."""
 
     value: float
     lower: float
@@ -30,7 +30,7 @@ class Nees:
 
 
 def compute_nees(errors: Array, covariances: Array) -> Array:
-    """eᵀP⁻¹e of each case; errors (n, p), covariances (n, p, p), scaled inside so that mixed units do no harm."""
+    """Compute eᵀP⁻¹e of each case; errors (n, p), covariances (n, p, p), normalised first, so that units may be mixed."""
     scale = np.sqrt(np.einsum("nii->ni", covariances))
     normalised = errors / scale
     correlation = covariances / (scale[:, :, None] * scale[:, None, :])
@@ -38,17 +38,17 @@ def compute_nees(errors: Array, covariances: Array) -> Array:
 
 
 def check_mean_nees(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
-    """Mean NEES of n independent cases against its χ² bounds at the given confidence; cases without one, NaN, are left out."""
-    found = np.asarray(values, dtype=float)
-    found = found[~np.isnan(found)]
-    n = len(found)
+    """Compute the mean NEES of n independent cases with its χ² bounds at the given confidence; NaN is left out."""
+    present = np.asarray(values, dtype=float)
+    present = present[~np.isnan(present)]
+    n = len(present)
     tail = (1 - confidence) / 2
     lower, upper = scipy.special.chdtri(n * dof, [1 - tail, tail]) / n  # the survival function's inverse
-    return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
+    return Nees(float(np.mean(present)), float(lower), float(upper), dof, n)
 
 
 def compute_binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
+    """Compute Wilson's interval of a proportion; [0, 1] without a trial. J. Am. Stat. Assoc. 22 (1927) 209."""
     from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
 
     if trials == 0:
@@ -57,12 +57,12 @@ def compute_binomial_interval(successes: int, trials: int, confidence: float = 0
     return float(interval.low), float(interval.high)
 
 
-def compute_binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
-    """Bounds that so many counts of `trials`, each expected to be that share, all keep to with at least this confidence."""
+def compute_binomial_band(trials: int, probability: float, confidence: float, counts: int = 1) -> tuple[int, int]:
+    """Compute bounds that all of several counts of `trials` with this share keep with at least this confidence."""
     from scipy.stats import binom
 
     tail = (1 - confidence) / (2 * counts)
-    low, high = binom.ppf([tail, 1 - tail], trials, share)
+    low, high = binom.ppf([tail, 1 - tail], trials, probability)
     return int(low), int(high)
 
 
@@ -73,17 +73,17 @@ def _interpolate(below: Array, above: Array, weight: float) -> Array:
         return np.where(below == above, below, np.where(finite, below + weight * (above - below), below + above))
 
 
-def compute_quantile(values: ArrayLike, share: float) -> float:
-    """Quantile of values (n,), infinite ones among them, between its two order statistics; NaN without a value."""
+def compute_quantile(values: ArrayLike, probability: float) -> float:
+    """Compute a quantile of values (n,), also infinite ones, between two order statistics; NaN without a value."""
     ordered = np.sort(np.asarray(values, dtype=float))
     if not len(ordered):
         return np.nan
-    place = share * (len(ordered) - 1)
-    return float(_interpolate(ordered[int(np.floor(place))], ordered[int(np.ceil(place))], place % 1))
+    position = probability * (len(ordered) - 1)
+    return float(_interpolate(ordered[int(np.floor(position))], ordered[int(np.ceil(position))], position % 1))
 
 
 def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confidence: float = 0.95) -> Array:
-    """Interval (..., 2) that holds this share of a distribution with this confidence, from values (..., n); NaN of too few.
+    """Compute the interval (..., 2) with this content and confidence from values (..., n); NaN for too few.
 
     Infinite values count: an end that reaches them is infinite.
 
@@ -98,8 +98,8 @@ def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confide
     d = int(binom.ppf(confidence, n, content)) + 1 if n else 0
     if d > n - 1 or not n:
         return np.full((*ordered.shape[:-1], 2), np.nan)
-    fewer, enough = binom.cdf([d - 2, d - 1], n, content)
+    reached_below, reached = binom.cdf([d - 2, d - 1], n, content)
     lower = (n - d + 1) // 2  # counted from 1
-    gain, loss = (n - d + 1) * content * (confidence - fewer), (d - 1) * (1 - content) * (enough - confidence)
+    gain, loss = (n - d + 1) * content * (confidence - reached_below), (d - 1) * (1 - content) * (reached - confidence)
     below, above = ordered[..., lower + d - 2], ordered[..., lower + d - 1]
     return np.stack([ordered[..., lower - 1], _interpolate(below, above, gain / (gain + loss))], axis=-1)

@@ -1,9 +1,9 @@
 """Parts: the rows of a study on disk, a Parquet file for some cases each.
 
-A part is written under another name and then renamed, so that it is there whole or not at all, and is found by its number,
-never by looking what files there are. Its metadata say which configuration it is of, and its pages carry checksums: when a
-study is resumed, a damaged part is seen and computed again. Nothing is forced to the disk (fsync), which would cost
-more than the part: a part lost in a power failure is a damaged part.
+A part is written under another name and then renamed, so that it is complete or missing, and is found by its number, never by
+listing files. Its metadata name its configuration, and its pages carry checksums: when a study is resumed, a damaged part is
+detected and computed again. Nothing is forced to the disk (fsync), which would cost more than the part: a part lost in a power
+failure is a damaged part.
 
 The table holds the rows in the order of the cases, in row groups of a fixed size, so that its bytes do not depend on how the
 cases were cut into parts.
@@ -28,7 +28,7 @@ ROW_GROUP = 8192  # rows of the table's row groups
 METADATA = b"gyrocal"
 LARGEST_PART = 64  # cases
 ANOTHER_FOLDER = "choose another --out, or delete the folder"
-PARTS = 128  # that a study has at least, if it has so many cases
+PARTS = 128  # least number of parts of a study with at least as many cases
 
 
 class PartInfo(NamedTuple):
@@ -39,12 +39,13 @@ class PartInfo(NamedTuple):
 
 
 def build_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as a table; a column is there for every name that a row has, in order of appearance."""
+    """Build a table of rows, with a column for every name in a row, in order of appearance."""
     names = dict.fromkeys(name for row in rows for name in row)
     return pa.table({name: _build_array([row.get(name) for row in rows]) for name in names})
 
 
 def _build_array(values: list[Any]) -> pa.Array:
+    """Build a column; one with a float among whole numbers is of floats."""
     if any(isinstance(value, float) for value in values):
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array(values)
@@ -52,7 +53,7 @@ def _build_array(values: list[Any]) -> pa.Array:
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts of a study in its folder, with its number of cases and the hash of what its rows depend on."""
+    """The parts of a study in its folder, with its number of cases and the hash of its configuration."""
 
     folder: Path
     cases: int
@@ -64,15 +65,15 @@ class Parts:
         return min(LARGEST_PART, -(-self.cases // PARTS))
 
     def list_ranges(self) -> list[range]:
-        """The cases of each part."""
+        """List the cases of each part."""
         return [range(start, min(start + self.size, self.cases)) for start in range(0, self.cases, self.size)]
 
     def path(self, case: int) -> Path:
-        """The file of the part that has a case."""
+        """Return the file of the part that has a case."""
         return self.folder / "parts" / f"part-{case // self.size:06d}.parquet"
 
     def remove_temporary(self) -> None:
-        """Remove what a killed run left half written."""
+        """Remove the half-written files of a killed run."""
         for folder in (self.folder, self.folder / "parts", self.folder / "failures"):
             for path in folder.glob(f"*{TEMPORARY}"):
                 path.unlink(missing_ok=True)
@@ -107,14 +108,14 @@ class Parts:
         return PartInfo({number: error for number, error in zip(numbers, errors, strict=True) if error}, about["cpu_s"])
 
     def read_case_rows(self, case: int) -> pd.DataFrame | None:
-        """The rows of one case; None if they are not there or damaged."""
+        """Read the rows of one case; None if they are missing or damaged."""
         start = case - case % self.size
         if not isinstance(self.inspect(range(start, min(start + self.size, self.cases))), PartInfo):
             return None
         return self.read(case).filter(pc.field("case") == case).to_pandas()
 
     def table(self, stop: int) -> pa.Table:
-        """Rows of the first cases, which are those of whole parts and are there, in one piece."""
+        """Read the rows of the first cases, which must be whole parts, as one table."""
         tables = [self.read(case).replace_schema_metadata(None) for case in range(0, stop, self.size)]
         try:
             return pa.concat_tables(tables, promote_options="permissive").combine_chunks()

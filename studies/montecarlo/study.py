@@ -1,10 +1,10 @@
-"""What a study is: a configuration, and a function from it, a case number and random streams to a row. See docs/studies.md.
+"""A study: a configuration, and a function from it, a case number and random streams to a row. See docs/studies.md.
 
-The name says where a worker finds the study, so that a worker needs nothing but the name, the configuration as JSON and a
-range of case numbers. A case may draw from its streams only: then its row depends on the configuration and its number alone.
+A worker imports the study by its name, and needs nothing but the name, the configuration as JSON and a range of case numbers. A
+case may draw from its streams only, so that its row depends on the configuration and its number alone.
 
-What identifies a result is the *resolved* configuration, in which the scenario's content stands in place of its name or
-path: a scenario file that changes, or that a worker could not read, can then not go unnoticed.
+A result is identified by the *resolved* configuration, which has the scenario's content in place of its name or path: a changed
+scenario file is noticed, and a worker need not read it.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ DISPERSED = "disp:"  # begins the columns of the dispersed values
 
 
 class StudyConfig(BaseModel):
-    """What every study is told; a study adds its own fields, each with a default.
+    """Settings of every study; a study adds its own fields, each with a default.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class StudyConfig(BaseModel):
     sampler: Sampler = "random"
     correlations: tuple[Correlation, ...] = ()
 
-    # Not as constraints of the fields, which a study that gives another default would lose.
+    # Not as constraints of the fields: a study with another default would lose them.
     @field_validator("cases", "entropy")
     @classmethod
     def _check_range(cls, value: int, info: ValidationInfo) -> int:
@@ -73,7 +73,7 @@ class StudyConfig(BaseModel):
 
 
 class GridConfig(StudyConfig):
-    """What a study over a grid is told: a case is a point of the grid, so that the axes say how many cases there are.
+    """Settings of a study over a grid: a case is a point of the grid, so that the axes determine the number of cases.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class GridConfig(StudyConfig):
     cases: int = Field(default=0, exclude=True)
 
     def points(self) -> Sequence[Any]:
-        """The points in the order of the cases: all combinations of the axes' values."""
+        """List the points in the order of the cases: all combinations of the axes' values."""
         return list(product(*(getattr(self, name) for name in self.axes)))
 
     @model_validator(mode="after")
@@ -104,13 +104,13 @@ Config = TypeVar("Config", bound=StudyConfig)
 
 @dataclass(frozen=True)
 class Streams:
-    """Random streams of one case, by what each is used for."""
+    """Random streams of one case, by their purpose."""
 
     entropy: int
     case: int
 
     def generator(self, name: str) -> np.random.Generator:
-        """A generator at the start of the named stream; it depends on no other stream."""
+        """Make a generator at the start of the named stream, which depends on no other stream."""
         return generator(self.entropy, self.case, name)
 
 
@@ -132,7 +132,7 @@ class Study:
 
 
 def find(name: str, folder: str = "") -> Study:
-    """The study of a name "module:attribute", also from another folder; `InputError` if it cannot be imported."""
+    """Import the study of a name "module:attribute", also from another folder; `InputError` if that fails."""
     module, _, attribute = name.partition(":")
     if folder and folder not in sys.path:
         sys.path.append(folder)
@@ -146,20 +146,20 @@ def find(name: str, folder: str = "") -> Study:
 
 
 def find_study_folder(study: Study) -> str:
-    """Folder of a study whose module is a single file, where a worker finds it; empty for a module of a package."""
+    """Find the folder of a study whose module is a single file; empty for a module of a package."""
     module = study.name.partition(":")[0]
     file = getattr(sys.modules.get(module), "__file__", None)
     return str(Path(file).resolve().parent) if file and "." not in module else ""
 
 
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
-    """Configuration of a study: its defaults, a TOML file over them, single values over both.
+    """Load the configuration of a study: its defaults, a TOML file over them, single values over both.
 
     Values of overrides and dispersions may be given by the path in the scenario, e.g.
     ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``.
     `InputError` with every fault in one line.
     """
-    # Defaults that are replaced need not be valid, such as a folder that is not there.
+    # Replaced defaults need not be valid, such as a missing folder.
     document = study.config.model_construct().model_dump(mode="json") | (read_toml(path) if path else {})
     for setting, value in (changes or {}).items():
         name, _, key = setting.partition(".")
@@ -172,7 +172,7 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
         else:
             raise InputError(f"{setting}: there is no such setting; give {name} as a whole")
     source = " with ".join([*([str(path)] if path else []), *(["settings"] if changes else [])]) or study.name
-    # As JSON, since strict validation would refuse the lists of TOML where tuples are meant.
+    # As JSON, since strict validation would refuse TOML's lists for tuples.
     try:
         return study.config.model_validate_json(json.dumps(document))
     except TypeError as error:
@@ -182,14 +182,14 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
 
 
 def resolve_config(config: Config) -> Config:
-    """The configuration with its scenario's content, overrides applied, in place of its name; `InputError` if it is no good."""
+    """Replace the scenario's name by its content with overrides applied; `InputError` if that is not valid."""
     scenario = load_base_scenario(config)
     dispersions.check(config.dispersions, scenario, config.correlations)
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
 def hash_config(study: Study, config: StudyConfig) -> str:
-    """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
+    """Compute the SHA-256 of a study's name and resolved configuration, as canonical JSON."""
     document = config.model_dump(mode="json") | {"cases": config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
@@ -198,13 +198,13 @@ def hash_config(study: Study, config: StudyConfig) -> str:
 
 
 def load_base_scenario(config: StudyConfig) -> Scenario:
-    """The scenario with its overrides, before any dispersion."""
+    """Load the scenario with its overrides, before any dispersion."""
     scenario = scenarios.load(config.scenario) if isinstance(config.scenario, str) else config.scenario
     return scenarios.override(scenario, config.overrides) if config.overrides else scenario
 
 
 def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
-    """The scenario's dispersed values in one case, by path."""
+    """Draw the scenario's dispersed values in one case, by path."""
     if not config.dispersions:
         return {}
     return dispersions.draw_values(config, load_base_scenario(config), case)
@@ -212,20 +212,26 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:
     """Build the scenario of one case with overrides and dispersions; `InputError` if the drawn values are not valid."""
-    drawn = draw_case_values(config, case)
+    values = draw_case_values(config, case)
     scenario = load_base_scenario(config)
-    return scenarios.override(scenario, drawn) if drawn else scenario
+    return scenarios.override(scenario, values) if values else scenario
 
 
 def simulate_case_motion(scenario: Scenario) -> Motion:
-    """Noise-free motion of a scenario, kept from one case to the next while nothing that moves is dispersed.
+    """Simulate the noise-free motion of a scenario, cached while nothing that moves is dispersed.
 
-    What the motion does not depend on, the gyro's parameters and the noise levels, is set to constants to find it again.
+    The gyro's parameters and the noise levels, on which the motion does not depend, are set to constants for the cache.
     """
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     zero = (0.0, 0.0, 0.0)
-    still = {"true_G": unit, "apriori_G": unit, "true_bias_deg_s": zero, "apriori_bias_deg_s": zero, "arw_deg_per_sqrt_s": 0.0}
-    gyro = scenario.gyro.model_copy(update=still)
+    fixed = {
+        "true_G": unit,
+        "apriori_G": unit,
+        "true_bias_deg_s": zero,
+        "apriori_bias_deg_s": zero,
+        "arw_deg_per_sqrt_s": 0.0,
+    }
+    gyro = scenario.gyro.model_copy(update=fixed)
     reference = scenario.reference.model_copy(update={"sigma_deg": (1.0, 1.0, 1.0)})
     return _simulate_cached_motion(scenario.model_copy(update={"gyro": gyro, "reference": reference}))
 
@@ -236,7 +242,7 @@ def _simulate_cached_motion(scenario: Scenario) -> Motion:
 
 
 def observed(config: StudyConfig, case: int, streams: Streams) -> Recording:
-    """The recording of one case: its scenario, dispersions applied, with noise from its own two streams."""
+    """Simulate the recording of one case: its scenario, dispersions applied, with noise from its own two streams."""
     scenario = dispersed(config, case)
     gyro, reference = streams.generator("gyro_noise"), streams.generator("reference_noise")
     return observe(scenario, simulate_case_motion(scenario), gyro_rng=gyro, reference_rng=reference)

@@ -1,6 +1,6 @@
 """The flight's published values, typed from the papers: N Tables 1–5 and R eq. (9). Degrees and deg/s, as printed.
 
-Some printed values contradict each other; what is used here and why:
+Some printed values contradict each other. Used here:
 
 - N Table 4's "RMS" is sqrt(Σx²)/n, not sqrt(Σx²/n); see `compute_paper_rms`.
 - N Table 5's first-iteration bias corrections are those of Δt = 1 s, its G corrections those of G⁻¹ at Δt = 0.5 s.
@@ -26,23 +26,23 @@ _ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
 
 @cache
 def read_published_table(name: str) -> pd.DataFrame:
-    """One table as it is on file: table1_intervals, table2_residuals, …, g_matrix. Treat it as read-only."""
+    """Read one table of the flight's files: table1_intervals, table2_residuals, …, g_matrix. Treat it as read-only."""
     with resources.files("studies").joinpath("data", "flight", f"{name}.csv").open("rb") as file:
         return pd.read_csv(file)
 
 
 @cache
 def read_published_residuals(phase: str, step_s: float = 0.5) -> Array:
-    """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
+    """Read N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
     rows = read_published_table("table2_residuals").query("phase == @phase and step_s == @step_s")
-    out = rows[_ROTATION_COLUMNS].to_numpy().copy()
-    out.setflags(write=False)  # a fit asks for them thousands of times
-    return out
+    residuals = rows[_ROTATION_COLUMNS].to_numpy().copy()
+    residuals.setflags(write=False)  # a fit asks for them thousands of times
+    return residuals
 
 
 @cache
 def read_published_parameters(phase: str, step_s: float | None = None) -> GyroParameters:
-    """N Table 3; phase "prelaunch" (no step) or "calibrated"."""
+    """Read N Table 3; phase "prelaunch" (no step) or "calibrated"."""
     rows = read_published_table("table3_parameters").query("phase == @phase")
     if step_s is not None:
         rows = rows.query("step_s == @step_s")
@@ -53,19 +53,19 @@ def read_published_parameters(phase: str, step_s: float | None = None) -> GyroPa
 
 @cache
 def read_published_calibration() -> GyroParameters:
-    """R eq. (9)."""
+    """Read R eq. (9)."""
     rows = read_published_table("g_matrix")
     return GyroParameters(rows[["g_x", "g_y", "g_z"]].to_numpy(), np.deg2rad(rows["bias_deg_s"].to_numpy()))
 
 
 def read_published_statistics(phase: str, step_s: float, statistic: str) -> Array:
-    """N Table 4, (3,) deg; statistic "mean" or "rms"."""
+    """Read N Table 4, (3,) deg; statistic "mean" or "rms"."""
     rows = read_published_table("table4_statistics").query("phase == @phase and step_s == @step_s and statistic == @statistic")
     return rows[_ROTATION_COLUMNS].to_numpy()[0]
 
 
 def read_published_corrections(iteration: int) -> tuple[Array, Array]:
-    """N Table 5: corrections to G⁻¹ (3, 3) and to the bias (3,) deg/s, as printed."""
+    """Read N Table 5: corrections to G⁻¹ (3, 3) and to the bias (3,) deg/s, as printed."""
     rows = read_published_table("table5_corrections").query("iteration == @iteration")
     values = rows[["x_gyro", "y_gyro", "z_gyro"]].to_numpy()
     is_bias = (rows["quantity"] == "bias_deg_s").to_numpy()
@@ -73,27 +73,27 @@ def read_published_corrections(iteration: int) -> tuple[Array, Array]:
 
 
 def compute_interval_durations() -> Array:
-    """Length of the six intervals of N Table 1, s."""
+    """Compute the durations (6,) of the intervals of N Table 1, s."""
     rows = read_published_table("table1_intervals")
     length = pd.to_datetime(rows["stop_utc"]) - pd.to_datetime(rows["start_utc"])
     return np.asarray(length.dt.total_seconds(), dtype=float)
 
 
 def matches_flight(scenario: Scenario) -> bool:
-    """Whether a scenario has the intervals and maneuvers of N Table 1, references at their ends: only then it compares."""
+    """Check that a scenario has the intervals and maneuvers of N Table 1, with references at their ends."""
     lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
     slews = [len(interval.slew) for interval in scenario.interval]
     holds = [k for k, interval in enumerate(scenario.interval) if interval.hold is not None]
     are_maneuvers_same = slews == SLEW_COUNTS and holds == [HOLD_INTERVAL]
-    same_lengths = np.array_equal(lengths, compute_interval_durations())
-    return scenario.reference.at == "ends" and same_lengths and are_maneuvers_same
+    are_lengths_same = np.array_equal(lengths, compute_interval_durations())
+    return scenario.reference.at == "ends" and are_lengths_same and are_maneuvers_same
 
 
 def compute_paper_rms(values: Array) -> Array:
-    """N Table 4's "RMS", sqrt(Σx²)/n along the first axis: smaller than the RMS by sqrt(n)."""
+    """Compute N Table 4's "RMS", sqrt(Σx²)/n along the first axis: smaller than the RMS by sqrt(n)."""
     return np.asarray(np.sqrt(np.sum(np.square(values), axis=0)) / len(values))
 
 
 def compute_rms(values: Array) -> Array:
-    """sqrt(Σx²/n) along the first axis."""
+    """Compute sqrt(Σx²/n) along the first axis."""
     return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

@@ -1,27 +1,27 @@
-"""The flight's own numbers as real input: predicted against flown pre-launch residuals, N Table 2.
+"""Predicted compared with flown pre-launch residuals, N Table 2.
 
 Truth is the published calibration, R eq. (9); the six intervals are simulated without noise and processed with the pre-launch
-parameters. Two numbers say how well that goes.
+parameters. Two numbers measure the agreement.
 
 The *clean gap* is θ_pre − θ_cal − predicted, with θ_pre and θ_cal the flight's residuals before and after calibration. Both
-hold the same noise of gyro and references, so to first order their difference is Θ (x_pre − x_cal): the flight's motion and
-two sets of published parameters, and no noise but that of print. It judges the simulated motion, and is the headline. If the
-motion and the digits were right it would vanish.
+hold the same noise of gyro and references, so to first order their difference is Θ (x_pre − x_cal): it depends on the flight's
+motion and two sets of published parameters, and has no noise but rounding. It tests the simulated motion, and is the headline.
+It would vanish for exact motion and digits.
 
-The *gap* is θ_pre − predicted. If the motion were right and R (9) exact it would be θ_cal, cell by cell, since that is what
-R (9) could not explain. So its *floor* is the RMS of θ_cal.
+The *gap* is θ_pre − predicted. For exact motion and an exact R (9) it would be θ_cal, cell by cell, the residuals that R (9)
+does not explain. So its *floor* is the RMS of θ_cal.
 
-What is circular. The truth put in, R (9), is what N fitted to these very 18 residuals: that the gap comes near its floor says
-that motion, signs and conventions are right, and nothing of the gyro beyond that. The angle random walk is taken from the
-spread between the step sizes of N Table 2, the references' sigma from the residuals after calibration: the Monte Carlo cannot
-but have the flight's scatter, and its Table 3, centred on R (9), cannot but have the flight's values near the 50th percentile.
-Not circular are the clean gap with timings that were assumed before looking, and what `studies.natanson.flight_recalibration`
-does: it calibrates from the flight's 18 residuals with simulated motion only, and compares with what N found.
+Circularity. The simulated truth, R (9), was fitted by N to the same 18 residuals. A gap near its floor therefore confirms
+motion, signs and conventions, and nothing else of the gyro. The angle random walk is from the spread between the step sizes of
+N Table 2, the references' sigma from the residuals after calibration: the Monte Carlo has the flight's scatter by construction,
+and in its Table 3, centred on R (9), the flight's values are near the 50th percentile by construction. Two results are not
+circular: the clean gap with timings that were assumed beforehand, and `studies.natanson.flight_recalibration`, which calibrates
+from the flight's 18 residuals with simulated motion only, and compares with N's parameters.
 
 Noise. Skipping samples leaves steps of f samples with the noise of one, so that the residual's noise variance is a²Tf for
 f = 1, 2, 4, and the samples are nested: the residuals at the three steps are a random walk in f. Hence the 36 differences
-between the columns of N Table 2 are independent, with variances a²T and 2a²T, and their mean square gives the angle random
-walk a without knowing anything else.
+between the columns of N Table 2 are independent, with variances a²T and 2a²T, and their mean square estimates the angle random
+walk a without further assumptions.
 """
 
 from collections.abc import Iterable
@@ -43,51 +43,51 @@ YAW_INTERVALS, MINUS_Y, HOLD = (1, 5), 3, 4
 
 
 def predict_residuals(scenario: Scenario, truth: GyroParameters | None = None) -> Array:
-    """Noise-free residuals under N Table 3's pre-launch parameters, (intervals, 3) deg; the truth is R (9) by default."""
+    """Predict noise-free residuals (intervals, 3) deg under N Table 3's pre-launch parameters; the truth is R (9)."""
     return compute_residuals(simulate_without_noise(scenario, truth))[0]
 
 
 def simulate_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
-    """The scenario without noise, its gyro that of R (9) by default."""
+    """Simulate the scenario without noise, by default with the gyro of R (9)."""
     truth = truth or flight.read_published_calibration()
     return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
 
 
 def compute_residuals(recording: Recording) -> tuple[Array, Array]:
-    """Residuals (intervals, 3) deg and Θ (intervals, 3, 12) deg per unit under N Table 3's pre-launch parameters.
+    """Compute residuals (intervals, 3) deg and Θ (intervals, 3, 12) deg per unit under N Table 3's pre-launch parameters.
 
     They are those of `gyrocal.residual_table`, without their covariance.
     """
     initial, prepared = flight.read_published_parameters("prelaunch"), prepare_measurements(recording)
-    passed = propagate(prepared.arcs, initial.G, initial.bias)
+    propagation = propagate(prepared.arcs, initial.G, initial.bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    theta = compute_attitude_residuals(passed.R, A[prepared.start], A[prepared.row])
-    return np.rad2deg(theta), np.rad2deg(passed.Theta)
+    theta = compute_attitude_residuals(propagation.R, A[prepared.start], A[prepared.row])
+    return np.rad2deg(theta), np.rad2deg(propagation.Theta)
 
 
 def compute_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
-    """RMS of flown minus predicted at 0.5 s, over all 18 numbers or some intervals', deg."""
+    """Compute the RMS of flown minus predicted at 0.5 s, over all 18 numbers or some intervals', deg."""
     difference = flight.read_published_residuals("prelaunch") - predicted
     return float(flight.compute_rms((difference if intervals is None else difference[list(intervals)]).ravel()))
 
 
 def compute_noise_free_residuals() -> Array:
-    """θ_pre − θ_cal of the flight at 0.5 s, in which its noise cancels, (6, 3) deg."""
+    """Compute θ_pre − θ_cal (6, 3) of the flight at 0.5 s, in which its noise cancels, deg."""
     return flight.read_published_residuals("prelaunch") - flight.read_published_residuals("calibrated")
 
 
 def compute_clean_gap_rms(predicted: Array) -> float:
-    """RMS of the clean gap at 0.5 s, over all 18 numbers, deg."""
+    """Compute the RMS of the clean gap at 0.5 s, over all 18 numbers, deg."""
     return float(flight.compute_rms((compute_noise_free_residuals() - predicted).ravel()))
 
 
 def compute_floor_rms() -> float:
-    """RMS of the flight's calibrated residuals at 0.5 s, what the gap would be with the true timings, deg."""
+    """Compute the RMS of the flight's calibrated residuals at 0.5 s, the gap with the true timings, deg."""
     return float(flight.compute_rms(flight.read_published_residuals("calibrated").ravel()))
 
 
 def build_gap_comparison(scenario: Scenario) -> pd.DataFrame:
-    """The 18 numbers: flown, predicted, gap, the flight's residual after calibration, and the clean gap."""
+    """Build a row for each of the 18 numbers: flown, predicted, gap, calibrated residual, and clean gap."""
     flown, after = flight.read_published_residuals("prelaunch"), flight.read_published_residuals("calibrated")
     predicted = predict_residuals(scenario)
     count, axes, gap = len(flown), flight.ROTATIONS, flown - predicted
@@ -103,7 +103,7 @@ def build_gap_comparison(scenario: Scenario) -> pd.DataFrame:
 
 
 def compare_signs(scenario: Scenario) -> dict[str, Any]:
-    """Gaps with both signs that N's text leaves in doubt: of the residual, and of the rate in -y forward; RMS, deg.
+    """Compare the gaps with both signs of the residual, and of the rate in -y forward; RMS, deg.
 
     N (16) has exp([θ×]) = A_obs A_propᵀ, N (29) as printed the opposite sign.
     """
@@ -124,7 +124,7 @@ def set_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
 
 
 def estimate_noise_from_steps() -> dict[str, float]:
-    """The flight's angle random walk from the spread between step sizes, and what it means for one residual.
+    """Estimate the flight's angle random walk from the spread between step sizes, and its noise in one residual.
 
     Returns
     -------

@@ -1,15 +1,14 @@
-"""The flight's own 18 residuals calibrated, at each of N's steps: simulated motion, and nothing else of the simulator.
+"""Calibration of the flight's own 18 residuals at each of N's steps, with simulated motion and nothing else of the simulator.
 
 The observed attitudes at the intervals' ends are set so that the residuals under the pre-launch parameters of N Table 3 are the
-flight's of N Table 2. Then the calibrator solves for the twelve parameters with equal weights, in gyro space as N did. What
-comes out is set beside what N found: parameters beside N Table 3, residuals beside the calibrated columns of N Table 2. The
-true parameters hardly take part: those the raw rates are made with turn the motion by a thousandth of itself, and the
-pre-launch ones in place of R (9) move no residual by more than 0.0007 deg. The flight's noise is in its 18 numbers, on both
-sides alike.
+flight's of N Table 2. Then the calibrator solves for the twelve parameters with equal weights, in gyro space as N did. The
+parameters are compared with N Table 3, the residuals with the calibrated columns of N Table 2. The true parameters hardly
+matter: those of the raw rates change the motion by a thousandth, and the pre-launch ones in place of R (9) change no residual
+by more than 0.0007 deg. The flight's noise is in its 18 numbers, the same on both sides.
 
-N Table 5's second iteration is the second-order term of the first one, and so tells which parameters N iterated in. Printed are
-corrections to b and to G⁻¹; their signs are those of x_old − x_new, where the first iteration's are of x_new − x_old (all
-twelve agree in gyro space if they are turned, and none of the larger ones as printed). In (G, b) there is no term of the
+N Table 5's second iteration is the second-order term of the first one, and so shows which parameters N iterated in. Printed are
+corrections to b and to G⁻¹; their signs are those of x_old − x_new, while the first iteration's are of x_new − x_old (with the
+opposite sign all twelve agree in gyro space; as printed none of the larger ones does). In (G, b) there is no term of the
 correction to G times that to b, so that its corrections to b nearly vanish. In gyro space that term is c = −G⁻¹ b.
 """
 
@@ -31,12 +30,12 @@ from studies.natanson.paper_forms import count_digit_changes
 CALIBRATION_SPACES: dict[str, Parametrisation] = {"gyro_space": "gyro", "gain_space": "gain"}
 BIAS_STEP_S = 1.0  # step of the corrections to b of N Table 5's first iteration
 PRINTED = np.array([1e6] * 9 + [1e8] * 3)  # units of N Table 5's second iteration: 1e-6 in G, 1e-8 deg/s in b
-EQUAL = np.deg2rad(0.01) ** 2 * np.tile(np.eye(3), (6, 1, 1))  # weights: their size does not matter
+EQUAL = np.deg2rad(0.01) ** 2 * np.tile(np.eye(3), (6, 1, 1))  # equal weights, of arbitrary size
 DOUBTED = (2.0, 2, 2)  # step, interval and axis of the sign that N Table 4 contradicts
 
 
 def set_final_attitudes(recording: Recording, cells_deg: Array, step_s: float) -> Recording:
-    """The recording with its intervals' last attitudes set so that the pre-launch residuals are these, (6, 3) deg."""
+    """Set the last attitudes of the intervals so that the pre-launch residuals are cells_deg (6, 3)."""
     initial = flight.read_published_parameters("prelaunch")
     prepared = prepare_measurements(recording, step_s, "skip")
     R = propagate(prepared.arcs, initial.G, initial.bias).R
@@ -59,16 +58,16 @@ def calibrate_like_paper(
     )
 
 
-# ---- one iteration, beside N's ---------------------------------------------------------------------------------------------
+# ---- one iteration, compared with N's ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class StepCalibration:
-    """The flight's residuals at one step, calibrated."""
+    """Calibration of the flight's residuals at one step."""
 
-    step_s: float  # of it
+    step_s: float
     recording: Recording  # the simulated motion with the flight's residuals
-    results: tuple[CalibrationResult, CalibrationResult]  # what comes out of one iteration, and of two
+    results: tuple[CalibrationResult, CalibrationResult]  # after one iteration, and after two
 
     @property
     def after(self) -> tuple[Array, Array]:
@@ -79,7 +78,7 @@ class StepCalibration:
 
     @property
     def flown(self) -> Array:
-        """(6, 3) the flight's, the doubtful sign of N Table 2 as N Table 4 asks for, deg."""
+        """(6, 3) residuals of the flight, with the doubtful sign of N Table 2 as N Table 4 requires, deg."""
         cells = flight.read_published_residuals("calibrated", self.step_s).copy()
         if self.step_s == DOUBTED[0]:
             cells[DOUBTED[1:]] *= -1
@@ -92,33 +91,34 @@ class StepCalibration:
             return flight.read_published_calibration()
         return flight.read_published_parameters("calibrated", self.step_s)
 
-    def gradient(self) -> Array:
-        """(12,) the flown residuals along Θ's column of each parameter of (G, b), deg; zero at a least-squares solution."""
+    def compute_gradient(self) -> Array:
+        """Compute the flown residuals along Θ's column of each parameter (12,), deg; zero at a least-squares solution."""
         prepared = prepare_measurements(self.recording, self.step_s, "skip")
         Theta = propagate(prepared.arcs, self.published.G, self.published.bias).Theta.reshape(18, 12)
         return np.asarray((Theta / np.linalg.norm(Theta, axis=0)).T @ self.flown.ravel())
 
 
 def calibrate_each_step(scenario: Scenario) -> list[StepCalibration]:
-    """The flight's residuals at each of N's steps, calibrated with the scenario's motion."""
-    recording, out = flight_gap.simulate_without_noise(scenario), []
+    """Calibrate the flight's residuals at each of N's steps with the scenario's motion."""
+    recording, calibrations = flight_gap.simulate_without_noise(scenario), []
     for step_s in flight.FLIGHT_STEPS_S:
-        own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", step_s), step_s)
-        out.append(StepCalibration(step_s, own, (calibrate_like_paper(own, step_s, 1), calibrate_like_paper(own, step_s, 2))))
-    return out
+        flight_recording = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", step_s), step_s)
+        results = (calibrate_like_paper(flight_recording, step_s, 1), calibrate_like_paper(flight_recording, step_s, 2))
+        calibrations.append(StepCalibration(step_s, flight_recording, results))
+    return calibrations
 
 
-def compare_residuals_by_step(found: list[StepCalibration]) -> pd.DataFrame:
-    """A row per step: how far the residuals after are from the flight's, and whether N's solution is that of least squares."""
+def compare_residuals_by_step(calibrations: list[StepCalibration]) -> pd.DataFrame:
+    """Build a row per step: differences to the flight's residuals, and the gradient of N's solution."""
     rows = []
-    for step in found:
-        printed = flight.read_published_residuals("calibrated", step.step_s)
-        gradient = np.abs(step.gradient())
+    for calibration in calibrations:
+        printed = flight.read_published_residuals("calibrated", calibration.step_s)
+        gradient = np.abs(calibration.compute_gradient())
         rows.append(
             {
-                "step_s": step.step_s,
-                "rms_difference_deg": float(flight.compute_rms((step.after[0] - step.flown).ravel())),
-                "as_printed_deg": float(flight.compute_rms((step.after[0] - printed).ravel())),
+                "step_s": calibration.step_s,
+                "rms_difference_deg": float(flight.compute_rms((calibration.after[0] - calibration.flown).ravel())),
+                "as_printed_deg": float(flight.compute_rms((calibration.after[0] - printed).ravel())),
                 "steepest": NAMES[int(gradient.argmax())],
                 "gradient_deg": gradient.max(),
             }
@@ -126,9 +126,9 @@ def compare_residuals_by_step(found: list[StepCalibration]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def count_changed_digits(found: list[StepCalibration]) -> dict[str, dict[str, int]]:
+def count_changed_digits(calibrations: list[StepCalibration]) -> dict[str, dict[str, int]]:
     """Count, for each step, the printed digits of N Tables 2 and 4 that the second iteration changes, N's criterion."""
-    counts = {f"{step.step_s:g}": count_digit_changes(*(theta[None] for theta in step.after)) for step in found}
+    counts = {f"{step.step_s:g}": count_digit_changes(*(theta[None] for theta in step.after)) for step in calibrations}
     return {step: {"table2": int(table2[0]), "table4": int(table4[0])} for step, (table2, table4) in counts.items()}
 
 
@@ -136,7 +136,7 @@ def count_changed_digits(found: list[StepCalibration]) -> dict[str, dict[str, in
 
 
 def compute_second_correction(result: CalibrationResult) -> Array:
-    """(12,) what the second iteration takes from G⁻¹ and b, x_old − x_new, in units of N Table 5: 1e-6 and 1e-8 deg/s."""
+    """Compute the second iteration's x_old − x_new (12,) of G⁻¹ and b, in N Table 5's units: 1e-6 and 1e-8 deg/s."""
     change = result.corrections[1]
     G = result.G - change.G
     inverse = np.linalg.inv(G) - np.linalg.inv(result.G)
@@ -144,12 +144,12 @@ def compute_second_correction(result: CalibrationResult) -> Array:
 
 
 def build_second_iteration_table(scenario: Scenario) -> pd.DataFrame:
-    """N Table 5's twelve cells of the second iteration beside those found from the flight's residuals, in both spaces.
+    """Build N Table 5's second iteration beside the one computed from the flight's residuals, in both spaces.
 
-    At 1 s, whose corrections to b they are.
+    The step is 1 s, from which the printed corrections to b are.
     """
     recording = flight_gap.simulate_without_noise(scenario)
-    own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", BIAS_STEP_S), BIAS_STEP_S)
+    flight_recording = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", BIAS_STEP_S), BIAS_STEP_S)
     G, bias = flight.read_published_corrections(2)
     table = pd.DataFrame(
         {
@@ -161,7 +161,7 @@ def build_second_iteration_table(scenario: Scenario) -> pd.DataFrame:
         }
     )
     for name, space in CALIBRATION_SPACES.items():
-        table[name] = compute_second_correction(calibrate_like_paper(own, BIAS_STEP_S, 2, space))
+        table[name] = compute_second_correction(calibrate_like_paper(flight_recording, BIAS_STEP_S, 2, space))
     return table
 
 

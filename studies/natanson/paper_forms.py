@@ -15,14 +15,14 @@ WORDS = {"bias_deg_s": "bias", "scale_factor": "scale factor"}
 WORDS |= {f"misalignment_{axis}_deg": f"misalignment to {axis}" for axis in "xyz"}
 WORDS |= {"paper_rms": "RMS as printed", "rms": "true RMS", "G_inverse": "G⁻¹"}
 WORDS |= {"prelaunch": "before", "calibrated": "after"}
-LABELS = {  # how a row of each table is named
+LABELS = {  # form of the row names of each table
     "table2": "{phase}, {interval} {axis}",
     "table3": "{gyro} gyro, {quantity}",
     "table4": "{phase}, {statistic} {axis}",
     "table5": "first, {quantity} {row}{gyro}",
 }
 DECIMALS = {"table2": 3, "table3": 3, "table4": 4, "table5": 2}  # as printed
-UNITS = {  # what is subtracted, one over the unit, and decimals, where they are not 0, 1 and those of the table
+UNITS = {  # offset, one over the unit, and decimals, if they are not 0, 1 and those of the table
     ("table3", "bias_deg_s"): (0.0, 1e4, 2),
     ("table3", "scale_factor"): (1.0, 1e5, 0),
     ("table5", "G_inverse"): (0.0, 1e3, 2),
@@ -36,7 +36,7 @@ TABLE4_STATISTICS = {
 
 
 def convert_to_gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
-    """Cells of N Table 3 and their values from (n, 12) of G and b in deg/s."""
+    """Convert (n, 12) of G and b in deg/s to the cells of N Table 3 and their values (n, cells)."""
     G, bias = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
     cells, columns = [], []
     for i, gyro in enumerate("xyz"):
@@ -66,19 +66,19 @@ def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """N Table 2, 3 or 4 with full ψ and skipped samples: a row for each number and step, as texts."""
-    chosen = table.query("psi == 'full' and resampling == 'skip' and phase != 'second iteration'")
+    """Format N Table 2, 3 or 4 with full ψ and skipped samples: a row for each number and step, as texts."""
+    rows = table.query("psi == 'full' and resampling == 'skip' and phase != 'second iteration'")
     if name == "table3":  # in N's order, a quantity after the other
-        order = chosen["quantity"].map(list(WORDS).index)
-        chosen = chosen.assign(order=order).sort_values(["step_s", "order"], kind="stable")
-    return pd.DataFrame([{"Δt (s)": f"{row['step_s']:g}", **_format_row(row, name)} for row in chosen.to_dict("records")])
+        order = rows["quantity"].map(list(WORDS).index)
+        rows = rows.assign(order=order).sort_values(["step_s", "order"], kind="stable")
+    return pd.DataFrame([{"Δt (s)": f"{row['step_s']:g}", **_format_row(row, name)} for row in rows.to_dict("records")])
 
 
 def format_corrections(table: pd.DataFrame, second: pd.DataFrame | None = None) -> pd.DataFrame:
-    """N Table 5, as texts: the first iteration simulated, and the second one recalculated from the flight's residuals."""
-    chosen = table.query("psi == 'full' and resampling == 'skip' and iteration == 1").fillna({"row": ""})
-    flown = chosen["flight"].notna()
-    first = chosen[flown if flown.any() else chosen["step_s"] == chosen["step_s"].min()]
+    """Format N Table 5 as texts: first iteration simulated, second one recalculated from the flight's residuals."""
+    first_iteration = table.query("psi == 'full' and resampling == 'skip' and iteration == 1").fillna({"row": ""})
+    flown = first_iteration["flight"].notna()
+    first = first_iteration[flown if flown.any() else first_iteration["step_s"] == first_iteration["step_s"].min()]
     rows = [_format_row(row, "table5") for row in first.to_dict("records")]
     for row in second.fillna({"row": ""}).to_dict("records") if second is not None else ():
         name = f"{WORDS.get(row['quantity'], row['quantity'])} {row['row']}{row['gyro']}"
@@ -88,6 +88,7 @@ def format_corrections(table: pd.DataFrame, second: pd.DataFrame | None = None) 
 
 
 def _format_row(row: dict[Hashable, Any], name: str) -> dict[str, str]:
+    """Format a row of a table: label, flown and simulated values, and their difference."""
     label = LABELS[name].format(**{str(column): WORDS.get(str(value), value) for column, value in row.items()})
     offset, scale, digits = UNITS.get((name, str(row.get("quantity"))), (0.0, 1.0, DECIMALS[name]))
     start = {"before launch": _round_text((row["prelaunch"] - offset) * scale, digits)} if name == "table3" else {}
@@ -96,16 +97,16 @@ def _format_row(row: dict[Hashable, Any], name: str) -> dict[str, str]:
 
 
 def _format_beside(flown: float, mean: float, std: float | None, digits: int) -> dict[str, str]:
-    """The flight's value, the simulated mean ± standard deviation over seeds, and simulated minus flown."""
+    """Format the flight's value, the simulated mean ± standard deviation over seeds, and their difference."""
     simulated = _round_text(mean, digits) + ("" if std is None else f" ± {_round_text(std, digits)}")
     if pd.isna(flown):
         return {"flown": NO_VALUE, "simulated": simulated, "difference": NO_VALUE}
-    shown = _round_text(flown, digits)
-    if flown != 0 and float(shown) == 0:  # N prints two residuals with a fourth digit
-        shown = f"{flown:g}"
-    return {"flown": shown, "simulated": simulated, "difference": f"{round(mean - flown, digits) + 0.0:+.{digits}f}"}
+    flown_text = _round_text(flown, digits)
+    if flown != 0 and float(flown_text) == 0:  # N prints two residuals with a fourth digit
+        flown_text = f"{flown:g}"
+    return {"flown": flown_text, "simulated": simulated, "difference": f"{round(mean - flown, digits) + 0.0:+.{digits}f}"}
 
 
 def _round_text(value: float, digits: int) -> str:
-    """A number with so many decimals, and without the sign of a zero."""
+    """Format a number with `digits` decimals, and zero without a sign."""
     return f"{round(value, digits) + 0.0:.{digits}f}"

@@ -1,4 +1,4 @@
-"""A scan over timings of the slews, which N and R do not publish: how much the agreement owes to the assumed ones."""
+"""A scan over timings of the slews, which N and R do not publish: how much the agreement depends on the assumed ones."""
 
 from itertools import product
 from typing import NamedTuple
@@ -24,14 +24,14 @@ class CommonTiming(NamedTuple):
         return abs(section.slew[0].angle_deg) / (self.slew_rate_deg_s * (1 - self.ramp_fraction))
 
     def is_flyable(self, section: IntervalSection) -> bool:
-        """Whether the slews fit into their interval, and the stay between them."""
+        """Check that the slews fit into their interval, and the stay between them."""
         duration = self.compute_duration(section)
         stay = self.stay_s if len(section.slew) > 1 else duration
         last = self.delay_s + duration + (len(section.slew) - 1) * stay
         return duration <= stay and last <= section.stop_s - section.start_s
 
     def apply(self, section: IntervalSection) -> IntervalSection:
-        """An interval with these timings of its slews."""
+        """Return an interval with these timings of its slews."""
         stay = self.stay_s if len(section.slew) > 1 else 0.0
         return replace_slew_timings(section, self.delay_s, self.compute_duration(section), self.ramp_fraction, stay)
 
@@ -45,7 +45,7 @@ SCANNED = {
 
 
 def scan_common_timings(scenario: Scenario) -> pd.DataFrame:
-    """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out."""
+    """Compute gap and clean gap over a grid of the common timings; slews that do not fit their interval are left out."""
     slewing, predicted, rows = [scenario.interval[k] for k in SLEWING], predict_residuals(scenario), []
     for timing in (CommonTiming(*values) for values in product(*SCANNED.values())):
         if all(timing.is_flyable(section) for section in slewing):

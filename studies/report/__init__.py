@@ -1,1 +1,1 @@
-"""Tables, figures and pages: what people read."""
+"""Tables, figures and pages for people."""

@@ -56,38 +56,38 @@ def build_calibration_page(
     result: CalibrationResult,
     held_out: str,
     truth: GyroParameters | None = None,
-    made: ProvenanceFooter | None = None,
-    more: Sequence[Section] = (),
+    provenance: ProvenanceFooter | None = None,
+    further_sections: Sequence[Section] = (),
 ) -> Page:
-    """Build the page; held_out says how well held-out turns are predicted, and further sections come last."""
+    """Build the page; held_out describes the prediction of held-out turns, and further sections come last."""
     caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
     picture = Picture("forest", partial(draw_forest, result), FOREST_ALT, caption)
     residuals = Picture("residuals", partial(draw_residual_figure, result), RESIDUAL_ALT, RESIDUAL_FIGURE_NOTE)
-    exact = result.options.get("iterations") is not None
-    how = "converged" if result.converged else "as many as asked for" if exact else "NOT CONVERGED"
-    note = f"{len(result.corrections)} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}."
+    has_fixed_iterations = result.options.get("iterations") is not None
+    convergence = "converged" if result.converged else "as many as asked for" if has_fixed_iterations else "NOT CONVERGED"
+    note = f"{len(result.corrections)} iteration(s), {convergence}; {result.psi} ψ, covariance {result.covariance_model}."
     sections = [
         Section("Parameters", [PageTable(build_parameter_table(result, truth), (), "Parameters", note)]),
         Section("Residuals before and after", [residuals]),
         Section("Mounting of the gyro", [result.mounting.format_sentences()]),
         Section("Remarks", [list_remarks(result)]),
-        *more,
+        *further_sections,
     ]
     answer = Answer(KINDS[result.verdict.belief], picture, held_out, list_answers(result))
-    sections = [one for one in sections if any(one.items)]
-    return Page(result.verdict.summary.rstrip("."), sections, answer, made, f"Calibration of {result.recording}")
+    sections = [section for section in sections if any(section.items)]
+    return Page(result.verdict.summary.rstrip("."), sections, answer, provenance, f"Calibration of {result.recording}")
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------------
 
 
 def list_answers(result: CalibrationResult) -> dict[str, str]:
-    """Answers by question, in the order in which they are read."""
+    """List the answers by question, in the order in which they are read."""
     table = _build_solved_table(result)
-    most = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
+    largest = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
     changes = "; ".join(
         f"{r['parameter']} by {tables.format_short(r['correction'], 3, '+')} {r['unit']} ({abs(r['in_sigma']):.0f} sigma)"
-        for r in most.to_dict("records")
+        for r in largest.to_dict("records")
     )
     significant = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
     rms = np.sqrt(np.square(result.residuals.filter(like="_deg")).mean())
@@ -106,23 +106,23 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
 
 def describe_observability(result: CalibrationResult) -> str:
     """Name the combinations that the data do not determine, or the worst-known one and the correlated pairs."""
-    free, ranges = result.observability.unobservable, result.plausible
+    undetermined, ranges = result.observability.unobservable, result.plausible
     basis = ""
     if ranges is not None:
         basis = f" Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
     if result.has_plausible_prior:
         basis += " They are the a-priori sigmas of this calibration."
-    if not free:
+    if not undetermined:
         values = result.observability.singular_values
-        pairs = [f"{a} and {b}" for share, a, b in _rank_correlated_pairs(result) if share > TIGHT][:MOST_NAMES]
-        more = f"; only combinations are known well of {', '.join(pairs)}" if pairs else ""
-        return f"Yes: the worst combination is known {values[-1]:.0f} times better than its plausible range{more}.{basis}"
-    named = list(free)
+        pairs = [f"{a} and {b}" for correlation, a, b in _rank_correlated_pairs(result) if correlation > TIGHT][:MOST_NAMES]
+        correlated = f"; only combinations are known well of {', '.join(pairs)}" if pairs else ""
+        return f"Yes: the worst combination is known {values[-1]:.0f} times better than its plausible range{correlated}.{basis}"
+    descriptions = list(undetermined)
     if ranges is not None:
         for k, sigma in enumerate(result.unobservable_sigma):
-            is_bias = free[k].split()[1].startswith(BIAS_LETTERS)
-            named[k] += f" (1-sigma {np.rad2deg(sigma):.2g} deg/s)" if is_bias else f" (1-sigma {sigma:.2g})"
-    return f"No. Not determined by the data, only by the prior: {'; '.join(named)}.{basis}"
+            is_bias = undetermined[k].split()[1].startswith(BIAS_LETTERS)
+            descriptions[k] += f" (1-sigma {np.rad2deg(sigma):.2g} deg/s)" if is_bias else f" (1-sigma {sigma:.2g})"
+    return f"No. Not determined by the data, only by the prior: {'; '.join(descriptions)}.{basis}"
 
 
 def recommend_next_step(result: CalibrationResult) -> str:
@@ -141,60 +141,60 @@ def recommend_next_step(result: CalibrationResult) -> str:
 
 
 def describe_worst_residual(result: CalibrationResult) -> str:
-    """The largest residual after in its own sigma, if it is large."""
+    """Describe the largest residual after the calibration in sigmas; empty if it is small."""
     table = result.residuals
     normalised = np.column_stack([table[f"after_{name}_deg"] / table[f"sigma_{name}_deg"] for name in ROTATION_NAMES])
     row, axis = np.unravel_index(np.abs(normalised).argmax(), normalised.shape)
     if abs(normalised[row, axis]) < LARGE_SHARE:
         return ""
     entry = table.iloc[int(row)]
-    place = f"{ROTATION_NAMES[axis]} of {entry['interval']} at t = {entry['t_s']:.1f} s"
-    return f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {place}."
+    position = f"{ROTATION_NAMES[axis]} of {entry['interval']} at t = {entry['t_s']:.1f} s"
+    return f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {position}."
 
 
 def list_remarks(result: CalibrationResult) -> list[str]:
-    """List the remainder and what the sigmas leave out, in sentences."""
+    """List the remainder and the errors that the sigmas do not include, in sentences."""
     lines = [describe_remainder(result)]
     if len(result.solved_for) < len(result.sigma):
         lines.append(
             "The sigmas take the held parameters as exact. An error in them goes into those solved for, and where the rates "
             "hardly change no residual shows it."
         )
-    held = result.options["held_s"]
-    if held > 0:
-        lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
+    held_s = result.options["held_s"]
+    if held_s > 0:
+        lines.append(f"The last rate was held over {held_s:g} s of missing samples; its error is not in the sigmas.")
     return [line for line in [*lines, describe_attenuation(result)] if line]
 
 
 def describe_remainder(result: CalibrationResult) -> str:
     """Describe the sizes of a significant remainder, a sentence; empty without one."""
-    found = result.remainder
-    if found is None or not found.is_significant:
+    remainder = result.remainder
+    if remainder is None or not remainder.is_significant:
         return ""
     parts = []
     for values, form in (
-        (found.gyro * DEG_H_PER_RAD_S, "rate errors of {} deg/h that last"),
-        (np.rad2deg(found.reference), "reference errors of {} deg"),
+        (remainder.gyro * DEG_H_PER_RAD_S, "rate errors of {} deg/h that last"),
+        (np.rad2deg(remainder.reference), "reference errors of {} deg"),
     ):
         if values.any():
             parts.append(form.format(", ".join(tables.format_short(value) for value in values)))
-    if found.delay_s > 0:
-        parts.append(f"time tags that are off by {tables.format_short(found.delay_s * 1e3)} ms")
-    parts.append(f"stated noise with {tables.format_short(found.noise_factor)} times its variance")
+    if remainder.delay_s > 0:
+        parts.append(f"time tags that are off by {tables.format_short(remainder.delay_s * 1e3)} ms")
+    parts.append(f"stated noise with {tables.format_short(remainder.noise_factor)} times its variance")
     return f"The remainder, 1-sigma about x, y, z: {'; '.join(parts)}."
 
 
 def describe_attenuation(result: CalibrationResult) -> str:
-    """State the expected error of G from noise in the rates, if it matters beside the sigmas; empty otherwise."""
+    """State the expected error of G from noise in the rates, if it is notable against the sigmas; empty otherwise."""
     if result.attenuation is None:
         return ""
-    share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)
-    off = [f"{NAMES[k]} {result.attenuation[k]:+.2g} ({abs(share[k]):.1f} sigma)" for k in range(9) if abs(share[k]) > NOTABLE]
-    if not off:
+    sizes = np.abs(np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0))  # in sigmas
+    notable = [f"{NAMES[k]} {result.attenuation[k]:+.2g} ({sizes[k]:.1f} sigma)" for k in range(9) if sizes[k] > NOTABLE]
+    if not notable:
         return ""
     return (
         "Expected error of G, because the body turns hardly more than the noise of the rates between references, which is in "
-        f"the attitude, too: {', '.join(off)}. Neither the values above nor their sigmas are corrected for it."
+        f"the attitude, too: {', '.join(notable)}. Neither the values above nor their sigmas are corrected for it."
     )
 
 
@@ -209,40 +209,40 @@ def describe_import_noise(result: CalibrationResult, estimated: Sequence[str]) -
 
 
 def build_parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
-    """Parameters as texts, each to two digits of its sigma; with the truth, their errors."""
-    known = None if truth is None else select_parameter_space(result.parametrisation).vector(truth) * DEGREES
+    """Build the table of parameters as texts, each to two digits of its sigma; with the truth, their errors."""
+    true_values = None if truth is None else select_parameter_space(result.parametrisation).vector(truth) * DEGREES
     widened = compute_sigma_with_remainder(result)
-    rows, number = [], tables.format_to_sigma
+    rows, format_value = [], tables.format_to_sigma
     for k, row in enumerate(result.summary().to_dict("records")):
         sigma, solved = row["sigma"], row["solved"]
         line = {name: row[name] for name in ("parameter", "unit")}
-        line |= {name: number(row[name], sigma if solved else 0.0) for name in ("initial", "calibrated")}
-        line["sigma"] = number(sigma, sigma) if solved else "held"
+        line |= {name: format_value(row[name], sigma if solved else 0.0) for name in ("initial", "calibrated")}
+        line["sigma"] = format_value(sigma, sigma) if solved else "held"
         if widened is not None:  # the sigma that applies
             sigma = widened[k]
-            line["sigma with remainder"] = number(sigma, sigma) if solved else ""
-        line["correction"] = number(row["correction"], sigma) if solved else ""
+            line["sigma with remainder"] = format_value(sigma, sigma) if solved else ""
+        line["correction"] = format_value(row["correction"], sigma) if solved else ""
         line["in sigma"] = f"{row['correction'] / sigma:.1f}" if solved else ""
         if result.undetermined:
             line["determined"] = "" if not solved else "no" if row["parameter"] in result.undetermined else "yes"
-        if known is not None:
-            error = row["calibrated"] - known[k]
-            line |= {"error": number(error, sigma), "error in sigma": f"{error / sigma:.1f}" if solved else ""}
+        if true_values is not None:
+            error = row["calibrated"] - true_values[k]
+            line |= {"error": format_value(error, sigma), "error in sigma": f"{error / sigma:.1f}" if solved else ""}
         rows.append(line)
     return pd.DataFrame(rows)
 
 
 def compute_sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None:
-    """(12,) sigmas with remainder of the parametrisation's parameters, biases in deg/s; None where they do not differ."""
+    """Compute (12,) sigmas with remainder in the parametrisation, biases in deg/s; None without a remainder."""
     if result.remainder is None or not result.remainder.is_significant:
         return None
     J = select_parameter_space(result.parametrisation).jacobian(result.parameters)
-    half = np.linalg.solve(J, result.remainder.covariance)
-    return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, half.T)), 0.0)) * DEGREES)
+    inverse_times_P = np.linalg.solve(J, result.remainder.covariance)  # J⁻¹ P; the next line forms J⁻¹ P J⁻ᵀ
+    return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, inverse_times_P.T)), 0.0)) * DEGREES)
 
 
 def _build_solved_table(result: CalibrationResult) -> pd.DataFrame:
-    """The solved parameters in the units of the figures, with the recommended sigmas."""
+    """Build the table of solved parameters in the units of the figures, with the recommended sigmas."""
     table, widened = result.summary(), compute_sigma_with_remainder(result)
     if widened is not None and result.recommended == WITH_REMAINDER:
         table["sigma"] = widened
@@ -256,36 +256,36 @@ def _build_solved_table(result: CalibrationResult) -> pd.DataFrame:
 
 
 def draw_forest(result: CalibrationResult) -> Figure:
-    """Corrections with their sigmas, a line a parameter, a panel a unit."""
+    """Draw the corrections with their sigmas, a line a parameter, a panel a unit."""
     groups = list(_build_solved_table(result).groupby("unit", sort=False))
-    made = []
+    panels = []
     for unit, part in groups:
         names, sigma = list(part["parameter"]), part["sigma"]
-        made.append(make_forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
-    return draw_panels(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
+        panels.append(make_forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
+    return draw_panels(*panels, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
 def draw_residual_figure(result: CalibrationResult) -> Figure:
-    """Residuals before and after by axis, over the references, with what the covariance model expects."""
+    """Draw the residuals before and after by axis, over the references, with two sigma of the covariance model."""
     table = result.residuals
     number = np.arange(len(table))
-    first = table.groupby("interval", sort=False).ngroup().diff().to_numpy() > 0
-    edges = [float(k) - 0.5 for k in np.flatnonzero(first)] if first.sum() <= 24 else []
-    made = []
-    for when, colour, mark in (("before", RED, "o"), ("after", BLUE, "s")):
+    is_first = table.groupby("interval", sort=False).ngroup().diff().to_numpy() > 0  # reference of an interval after the first
+    edges = [float(k) - 0.5 for k in np.flatnonzero(is_first)] if is_first.sum() <= 24 else []
+    panels = []
+    for stage, colour, mark in (("before", RED, "o"), ("after", BLUE, "s")):
         for name in ROTATION_NAMES:
             sigma = table[f"sigma_{name}_deg"].to_numpy(dtype=float)
             lines = [
                 Line(number, 0 * sigma, "", GREY, "-", -2 * sigma, 2 * sigma),
-                Line(number, table[f"{when}_{name}_deg"], when, colour, mark, size=3.0),
+                Line(number, table[f"{stage}_{name}_deg"], stage, colour, mark, size=3.0),
             ]
-            x = "reference" if when == "after" else ""
-            made.append(make_curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
-    return draw_panels(*made, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
+            x = "reference" if stage == "after" else ""
+            panels.append(make_curves(lines, x=x, y=f"{name} {stage} (deg)", at=edges))
+    return draw_panels(*panels, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
 
 
 def compute_correlations(result: CalibrationResult) -> pd.DataFrame:
-    """Correlation of the solved parameters."""
+    """Compute the correlation matrix of the solved parameters."""
     names = list(result.summary()["parameter"])
     solved = [names.index(name) for name in result.solved_for]
     covariance = result.own_covariance[np.ix_(solved, solved)]
@@ -294,9 +294,9 @@ def compute_correlations(result: CalibrationResult) -> pd.DataFrame:
 
 
 def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
-    """Size of the correlation of each two parameters with their names, the strongest first."""
-    found = compute_correlations(result)
-    names, values = [str(name) for name in found.index], np.abs(found.to_numpy(dtype=float))
+    """List |correlation| and names of each pair of parameters, the strongest first."""
+    correlations = compute_correlations(result)
+    names, values = [str(name) for name in correlations.index], np.abs(correlations.to_numpy(dtype=float))
     return sorted(((float(values[i, j]), names[i], names[j]) for i in range(len(names)) for j in range(i)), reverse=True)
 
 
@@ -307,49 +307,50 @@ def parse_limit(text: str) -> tuple[tuple[str, ...], float, str, float]:
     """Parse a limit such as "G_zz<50ppm", "misalignment<20arcsec" or "b_x<0.1deg/h".
 
     Returns the names of the parameters, the limit, its unit, and the factor from this unit to rad/s or a dimensionless number.
-    An `InputError` if the text is no limit.
+    Raises `InputError` if the text is no limit.
     """
     match = LIMIT_FORM.fullmatch(text)
     if match is None or not 0 < float(match[2]) < math.inf:
         raise InputError(f"--max-change {text}: give NAME<LIMIT with a positive limit and its unit, as in 'G_zz<50ppm'")
     names, unit = select(match[1]), match[3]
     for name in names:
-        known = RATE_UNITS if name.startswith("b") else RATIO_UNITS if name in SCALE_FACTORS else RATIO_UNITS | ANGLE_UNITS
-        if unit not in known:
-            raise InputError(f"--max-change {text}: {unit} is no unit of {name}; its units are {', '.join(known)}")
-    return names, float(match[2]), unit, known[unit]
+        units = RATE_UNITS if name.startswith("b") else RATIO_UNITS if name in SCALE_FACTORS else RATIO_UNITS | ANGLE_UNITS
+        if unit not in units:
+            raise InputError(f"--max-change {text}: {unit} is no unit of {name}; its units are {', '.join(units)}")
+    return names, float(match[2]), unit, units[unit]
 
 
 def check_limits(change: CalibrationChange, max_sigma: float | None, max_change: Sequence[str]) -> list[Verdict]:
     """Check a change: each limit in a unit; and in sigmas each parameter alone, and all together by the same probability."""
-    out = []
+    verdicts = []
     if max_sigma is not None:
         for name, moved in zip(NAMES, change.in_sigma, strict=True):
-            out.append(Verdict(f"{name} < {max_sigma:g} sigma", f"moved by {moved:.1f} sigma" if moved >= max_sigma else ""))
-        together = f"χ² = {change.chi2:.1f} of {change.dof}" if change.p_value <= math.erfc(max_sigma / math.sqrt(2)) else ""
-        out.append(Verdict(f"all parameters together < {max_sigma:g} sigma", together))
+            failure = f"moved by {moved:.1f} sigma" if moved >= max_sigma else ""
+            verdicts.append(Verdict(f"{name} < {max_sigma:g} sigma", failure))
+        failure = f"χ² = {change.chi2:.1f} of {change.dof}" if change.p_value <= math.erfc(max_sigma / math.sqrt(2)) else ""
+        verdicts.append(Verdict(f"all parameters together < {max_sigma:g} sigma", failure))
     size = dict(zip(NAMES, np.abs(change.difference), strict=True))
     for text in max_change:
         names, limit, unit, factor = parse_limit(text)
-        beyond = [f"{name} moved by {size[name] / factor:.4g} {unit}" for name in names if size[name] >= limit * factor]
-        out.append(Verdict(text.strip(), "; ".join(beyond)))
-    return out
+        violations = [f"{name} moved by {size[name] / factor:.4g} {unit}" for name in names if size[name] >= limit * factor]
+        verdicts.append(Verdict(text.strip(), "; ".join(violations)))
+    return verdicts
 
 
 def build_change_section(change: CalibrationChange, file: str, verdicts: Sequence[Verdict]) -> Section:
-    """The change by parameter, that of all together, and the limits that are not met."""
+    """Build the section of a change: by parameter, of all together, and the limits that are not met."""
     sigma = change.sigma * PPM_DEG_H
     columns: dict[str, Any] = {
         "parameter": NAMES,
         "unit": PPM_DEG_H_NAMES,
         "change": map(tables.format_to_sigma, change.difference * PPM_DEG_H, sigma),
-        "sigma": [tables.format_to_sigma(one, one) if one else "held" for one in sigma],
-        "in sigma": [f"{one:.1f}" for one in change.in_sigma],
+        "sigma": [tables.format_to_sigma(value, value) if value else "held" for value in sigma],
+        "in sigma": [f"{value:.1f}" for value in change.in_sigma],
     }
-    how = "The two recordings are taken as independent: the sigma of a change is √(σ₁² + σ₂²)."
+    basis = "The two recordings are taken as independent: the sigma of a change is √(σ₁² + σ₂²)."
     if change.is_same_recording:
-        how = "Both calibrate the same recording and share its noise: the sigmas are those of the saved calibration."
-    text = f"{how} All parameters together: χ² = {change.chi2:.1f} of {change.dof}, p = {change.p_value:.2g}."
-    missed = [f"Not met: {one.name}: {one.failure}" for one in verdicts if one.failure]
+        basis = "Both calibrate the same recording and share its noise: the sigmas are those of the saved calibration."
+    text = f"{basis} All parameters together: χ² = {change.chi2:.1f} of {change.dof}, p = {change.p_value:.2g}."
+    violations = [f"Not met: {verdict.name}: {verdict.failure}" for verdict in verdicts if verdict.failure]
     title = f"Change against {file}"
-    return Section(title, [PageTable(pd.DataFrame(columns), (), title), text, missed])
+    return Section(title, [PageTable(pd.DataFrame(columns), (), title), text, violations])

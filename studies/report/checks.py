@@ -27,13 +27,13 @@ REQUIREMENT_NOTE = (
 class Check:
     """A finding."""
 
-    name: str  # what was found, in words
+    name: str  # of the quantity, in words
     value: float | str  # a number, NaN where the rows do not say; or a word
     # lowest and highest value that passes, infinite where there is none; the word to be; None for a note
     bounds: Bounds | str | None = None
     unit: str = ""  # of value and bounds
-    meaning: str = ""  # a sentence that says how to read checks of this kind
-    outside: bool = False  # whether the value must be outside its bounds, as that of a control
+    meaning: str = ""  # a sentence that explains checks of this kind
+    outside: bool = False  # whether the value must be outside its bounds, as for a control
 
     @property
     def verdict(self) -> Verdict:
@@ -50,52 +50,52 @@ class Check:
 
 
 def bound_above(limit: float) -> Bounds:
-    """Bounds of a size that may be anything up to a limit."""
+    """Return the bounds of a value that may be at most a limit."""
     return (-math.inf, limit)
 
 
 def bound_below(limit: float) -> Bounds:
-    """Bounds of a value that must reach a limit."""
+    """Return the bounds of a value that must be at least a limit."""
     return (limit, math.inf)
 
 
-def bound_near(expected: float, room: float) -> Bounds:
-    """Bounds of a value that must be as expected, within some room."""
-    return (expected - room, expected + room)
+def bound_near(expected: float, tolerance: float) -> Bounds:
+    """Return the bounds of a value that must be as expected, within a tolerance."""
+    return (expected - tolerance, expected + tolerance)
 
 
 def check_extremes(
     name: str, values: Iterable[float], bounds: Bounds | None = None, unit: str = "", meaning: str = ""
 ) -> list[Check]:
-    """The smallest and the largest of some values, NaN left out."""
+    """Check the smallest and the largest of some values, NaN left out."""
     series = pd.Series(values, dtype=float)
     return [
-        Check(f"{name}, {which}", float(value), bounds, unit, meaning)
-        for which, value in (("smallest", series.min()), ("largest", series.max()))
+        Check(f"{name}, {extreme}", float(value), bounds, unit, meaning)
+        for extreme, value in (("smallest", series.min()), ("largest", series.max()))
     ]
 
 
 def check_requirements(answers: Iterable[Answer]) -> list[Check]:
-    """A check for each answer; a note if it is undecided."""
+    """Build a check for each answer; a note if it is undecided."""
     return [
-        Check(one.requirement, one.outcome, None if one.outcome == "undecided" else "met", meaning=REQUIREMENT_NOTE)
-        for one in answers
+        Check(answer.requirement, answer.outcome, None if answer.outcome == "undecided" else "met", meaning=REQUIREMENT_NOTE)
+        for answer in answers
     ]
 
 
 def build_check_frame(checks: Iterable[Check]) -> pd.DataFrame:
-    """A row a check, with numbers as they are."""
+    """Build a row a check, with unformatted numbers."""
     rows = []
     for check in checks:
         lower, upper = check.bounds if isinstance(check.bounds, tuple) else (math.nan, math.nan)
-        wanted = check.bounds if isinstance(check.bounds, str) else ""
+        expected_word = check.bounds if isinstance(check.bounds, str) else ""
         row = {"check": check.name, "value": check.value, "unit": check.unit, "lower": lower, "upper": upper}
-        rows.append(row | {"wanted": wanted, "outside": check.outside, "verdict": check.verdict})
+        rows.append(row | {"wanted": expected_word, "outside": check.outside, "verdict": check.verdict})
     return pd.DataFrame(rows)
 
 
 def format_checks(checks: Iterable[Check]) -> pd.DataFrame:
-    """A row a check, as texts for people."""
+    """Format the checks as texts for people, a row a check."""
     rows = []
     for check in checks:
         value = check.value if isinstance(check.value, str) else format_number(check.value)
@@ -105,7 +105,7 @@ def format_checks(checks: Iterable[Check]) -> pd.DataFrame:
 
 
 def _format_bounds(check: Check) -> str:
-    """The bounds in words."""
+    """Format the bounds in words."""
     if check.bounds is None:
         return NO_VALUE
     if isinstance(check.bounds, str):
@@ -121,5 +121,5 @@ def _format_bounds(check: Check) -> str:
 
 
 def list_meanings(checks: Iterable[Check]) -> list[str]:
-    """The sentences of some checks, each once."""
+    """List the explanations of some checks, each once."""
     return list(dict.fromkeys(check.meaning for check in checks if check.meaning))

@@ -25,26 +25,26 @@ NOT_SIMULATED = "This run did not simulate what the verdict needs."
 class PaperResults:
     """What a paper's reproduction found."""
 
-    results: Results  # of the reproduction
+    reproduction: Results
     studies: Path  # folder of the studies' results
 
     def __getitem__(self, path: str) -> Any:
-        """A number of the summary; `KeyError` if it is not there, or none."""
-        value = self.results.summary[path]
+        """Return a number of the summary; `KeyError` if it is missing or None."""
+        value = self.reproduction.summary[path]
         if value is None:
             raise KeyError(path)
         return value
 
-    def say(self, text: str, **more: Any) -> str:
-        """A sentence with numbers of the summary, or further ones, in its fields."""
-        return fill(text, self, **more)  # type: ignore[arg-type]
+    def say(self, text: str, **further: Any) -> str:
+        """Fill the fields of a sentence with numbers of the summary, or with further ones."""
+        return fill(text, self, **further)  # type: ignore[arg-type]
 
     def table(self, name: str) -> pd.DataFrame:
-        """A table of the reproduction."""
-        return self.results.tables[name]
+        """Return a table of the reproduction."""
+        return self.reproduction.tables[name]
 
     def study(self, name: str, table: str) -> pd.DataFrame:
-        """A table of a study."""
+        """Read a table of a study."""
         path = self.studies / name / f"{table}.csv"
         if not path.is_file():
             raise KeyError(path)
@@ -52,7 +52,7 @@ class PaperResults:
 
 
 class _PathFormatter(Formatter):
-    """Formats "{path:.4f}" by the value of a path, whatever signs it has."""
+    """Formats "{path:.4f}" by the value of a path, which may contain any characters."""
 
     def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> tuple[Any, str]:
         return kwargs[field_name], field_name
@@ -61,9 +61,9 @@ class _PathFormatter(Formatter):
         return NO_VALUE if value is None else super().format_field(value, format_spec)
 
 
-def fill(text: str, values: Mapping[str, Any], **more: Any) -> str:
-    """A sentence with the numbers that its fields name: paths of a summary, or names of further values."""
-    return _PathFormatter().vformat(text, (), ChainMap(more, values))  # type: ignore[arg-type]
+def fill(text: str, values: Mapping[str, Any], **further: Any) -> str:
+    """Fill the fields of a sentence, which name paths of a summary or further values, with their numbers."""
+    return _PathFormatter().vformat(text, (), ChainMap(further, values))  # type: ignore[arg-type]
 
 
 Judge = Callable[[PaperResults], tuple[Verdict, str]]
@@ -74,8 +74,8 @@ class Claim:
     """A claim of a paper."""
 
     where: str  # its place in the paper
-    text: str  # what the paper says
-    judge: Judge  # verdict and what was found, in a sentence
+    text: str  # of the claim
+    judge: Judge  # returns verdict and finding, in a sentence
 
 
 @dataclass(frozen=True)
@@ -84,23 +84,23 @@ class JudgedClaim:
 
     claim: Claim
     verdict: Verdict
-    found: str
+    finding: str  # a sentence
 
 
-def judge_claims(claims: Sequence[Claim], found: PaperResults) -> list[JudgedClaim]:
-    """Every claim with its verdict; open where a run has not what it takes."""
-    out = []
+def judge_claims(claims: Sequence[Claim], results: PaperResults) -> list[JudgedClaim]:
+    """Judge every claim; open if a run does not have the results that it needs."""
+    judged = []
     for claim in claims:
         try:
-            verdict, text = claim.judge(found)
+            verdict, text = claim.judge(results)
         except (KeyError, IndexError):
             verdict, text = "open", NOT_SIMULATED
-        out.append(JudgedClaim(claim, verdict, text))
-    return out
+        judged.append(JudgedClaim(claim, verdict, text))
+    return judged
 
 
 def make_judge(
     text: str, condition: Callable[[PaperResults], bool], then: Verdict = "agrees", otherwise: Verdict = "open"
 ) -> Judge:
-    """Make a judge with that sentence, and one verdict where the condition holds and another where it does not."""
-    return lambda found: (then if condition(found) else otherwise, found.say(text))
+    """Make a judge with a constant sentence, whose verdict depends on a condition."""
+    return lambda results: (then if condition(results) else otherwise, results.say(text))

@@ -1,9 +1,8 @@
-"""Results beside the committed ones: what a reproduction agrees with, and what moved.
+"""Comparison of a reproduction's results with the committed ones: which numbers agree, and which moved.
 
-Processors, compilers and libraries of linear algebra differ in the last bits of a sum. Made with other kernels of linear
-algebra and without vector instructions, N's tables differ by 9e-8 of themselves at most, most numbers by 1e-9 and less.
-The figures are therefore rounded to what stays the same (`SIGNIFICANT_DIGITS`), and one has moved if it differs by more than a
-unit of the last digit.
+Processors, compilers and libraries of linear algebra differ in the last bits of a sum. With other kernels of linear algebra and
+without vector instructions, N's tables differ by at most 9e-8 relative, most numbers by 1e-9 and less. Results are therefore
+rounded to `SIGNIFICANT_DIGITS`, and a number has moved if it differs by more than one unit of the last digit.
 """
 
 import json
@@ -19,7 +18,7 @@ from studies.report.tables import SIGNIFICANT_DIGITS
 
 ROOM = 1.1e-5  # relative: one unit of the last of them
 ZERO_TOLERANCE = 1e-12  # of numbers that are zero but for rounding
-COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: what is smaller is zero but for rounding
+COLUMN_ZERO_TOLERANCE = 1e-9  # of the largest number of a column: smaller numbers are zero but for rounding
 RESULT_SETTINGS = ("cases", "entropy", "scenario", "overrides", "days", "seeds", "slews")  # settings that results depend on
 
 
@@ -34,7 +33,7 @@ class Results:
 
 
 def round_values(value: Any) -> Any:
-    """A value of a summary with its figures rounded."""
+    """Round the numbers of a summary's value to `SIGNIFICANT_DIGITS`."""
     if isinstance(value, dict):
         return {key: round_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -45,7 +44,7 @@ def round_values(value: Any) -> Any:
 
 
 def read(folder: Path) -> Results | None:
-    """The results in a folder; None if there is no summary."""
+    """Read the results in a folder; None if there is no summary."""
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         config = json.loads((folder / "manifest.json").read_text(encoding="utf-8")).get("config", {})
@@ -56,33 +55,33 @@ def read(folder: Path) -> Results | None:
 
 
 def flatten(value: Any, path: str = "") -> dict[str, Any]:
-    """Leaves of a document by their paths, such as "a.b.0"."""
+    """Return the leaves of a document by their paths, such as "a.b.0"."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
     if parts is None:
         return {path: value}
-    return {name: leaf for key, one in parts for name, leaf in flatten(one, f"{path}.{key}" if path else str(key)).items()}
+    return {name: leaf for key, part in parts for name, leaf in flatten(part, f"{path}.{key}" if path else str(key)).items()}
 
 
 def list_moved_numbers(now: Results, then: Results) -> pd.DataFrame:
-    """The numbers that differ: where, then and now; empty if none does."""
+    """List the numbers that differ: file, place, committed and new value; empty if none does."""
     rows = []
     for name in dict.fromkeys([*then.summary, *now.summary]):
-        one, other = then.summary.get(name, "not there"), now.summary.get(name, "not there")
-        if not _is_same(one, other):
-            rows.append(("summary.json", name, one, other))
+        old, new = then.summary.get(name, "not there"), now.summary.get(name, "not there")
+        if not _is_same(old, new):
+            rows.append(("summary.json", name, old, new))
     for name in dict.fromkeys([*then.tables, *now.tables]):
         rows += _compare_cells(name, then.tables.get(name), now.tables.get(name))
     return pd.DataFrame(rows, columns=["file", "number", "committed", "now"])
 
 
-def _is_same(one: Any, other: Any) -> bool:
-    both = (one, other)
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in both):
-        return isclose(one, other, rel_tol=ROOM, abs_tol=ZERO_TOLERANCE)
-    return bool(one == other)
+def _is_same(old: Any, new: Any) -> bool:
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in (old, new)):
+        return isclose(old, new, rel_tol=ROOM, abs_tol=ZERO_TOLERANCE)
+    return bool(old == new)
 
 
 def _compare_cells(name: str, then: pd.DataFrame | None, now: pd.DataFrame | None) -> list[tuple[str, str, Any, Any]]:
+    """List the cells of a table that moved: file, place, committed and new value; a table of another shape is one entry."""
     file = f"{name}.csv"
     if then is None or now is None:
         return [(file, "the table", "not there" if then is None else "there", "not there" if now is None else "there")]
@@ -92,9 +91,9 @@ def _compare_cells(name: str, then: pd.DataFrame | None, now: pd.DataFrame | Non
     for column in then.columns:
         old, new = then[column], now[column]
         if pd.api.types.is_numeric_dtype(old) and pd.api.types.is_numeric_dtype(new):
-            a, b = old.to_numpy(dtype=float), new.to_numpy(dtype=float)
-            floor = COLUMN_ZERO_TOLERANCE * np.nanmax(np.abs(a), initial=0.0) + ZERO_TOLERANCE
-            same = np.isclose(b, a, rtol=ROOM, atol=floor, equal_nan=True)
+            old_values, new_values = old.to_numpy(dtype=float), new.to_numpy(dtype=float)
+            tolerance = COLUMN_ZERO_TOLERANCE * np.nanmax(np.abs(old_values), initial=0.0) + ZERO_TOLERANCE
+            same = np.isclose(new_values, old_values, rtol=ROOM, atol=tolerance, equal_nan=True)
         else:
             same = (old.fillna("") == new.fillna("")).to_numpy()
         rows += [(file, f"{column}, row {k + 1}", old.iloc[k], new.iloc[k]) for k in np.flatnonzero(~same)]

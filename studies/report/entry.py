@@ -1,4 +1,4 @@
-"""What a study reports: checks, tables and figures made from its rows, written beside them and shown."""
+"""Report of a study: checks, tables and figures computed from its rows, written to its folder and shown."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -39,7 +39,7 @@ class Report:
     findings: tuple[str, ...] = ()
 
     def check(self, name: str) -> Check:
-        """The check of a name."""
+        """Return the check of a name."""
         return next(check for check in self.checks if check.name == name)
 
 
@@ -75,7 +75,7 @@ def write(report: Report, title: str, folder: Path) -> None:
 
 
 def show(report: Report, console: Console) -> None:
-    """Print tables, then checks, so that these are what stays in view."""
+    """Print tables, then checks, so that the checks stay in view."""
     for table in report.tables.values():
         rendered.print_table(console, table.title, table.get_shown_data(), table.note, table.formats)
     if report.checks:
@@ -85,16 +85,17 @@ def show(report: Report, console: Console) -> None:
 
 
 def _format_findings(report: Report) -> list[str]:
+    """List the findings and the meanings of the checks as Markdown items."""
     return [f"- {sentence}" for sentence in (*report.findings, *rendering.list_meanings(report.checks))]
 
 
-# ---- a study without a report of its own ----------------------------------------------------------------------------------
+# ---- the default report of a study ---------------------------------------------------------------------------------------
 
 QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 
 def report_columns(config: Any, rows: pd.DataFrame) -> Report:
-    """Mean, its standard error, spread and quantiles of each numeric column, and the counts of each text."""
+    """Report mean, standard error, spread and quantiles of each numeric column, and the counts of each text."""
     note = (
         "Rows have a value, missing ones none. Of truth values the mean is a share. Infinite values count in the quantiles; a "
         "column with them has no mean, standard error and spread."
@@ -115,36 +116,37 @@ COUNTS = ("rows", "missing", "infinite")
 
 
 def _select_numbers(rows: pd.DataFrame, kinds: Any) -> pd.DataFrame:
-    """The columns of numbers; one without any number in all rows is of numbers, too."""
+    """Select the numeric columns; an empty column counts as numeric."""
     empty = [name for name in rows if rows[name].isna().all()]
     return rows.astype(dict.fromkeys(empty, float)).select_dtypes(kinds).drop(columns=list(RESERVED), errors="ignore")
 
 
 def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
+    """Compute the statistics of each numeric column; the standard error is that of the means of cases."""
     lines = []
     for name, values in _select_numbers(rows, ["number", "bool"]).astype(float).items():
-        found = values.dropna()
-        infinite = int(np.isinf(found).sum())
-        line = {"column": name, "rows": len(found), "missing": len(values) - len(found), "infinite": infinite}
+        present = values.dropna()
+        infinite = int(np.isinf(present).sum())
+        line = {"column": name, "rows": len(present), "missing": len(values) - len(present), "infinite": infinite}
         # The rows of a case are not independent.
-        each = found.groupby(rows["case"]).mean() if not infinite else found.head(0)
-        error = float(each.std(ddof=1) / np.sqrt(len(each))) if len(each) > 1 else np.nan
-        mean, spread = (np.nan, np.nan) if infinite else (found.mean(), found.std(ddof=1))
-        line |= {"mean": mean, "standard_error": error, "spread": spread}
-        lines.append(line | {key: compute_quantile(found, share) for key, share in QUANTILES.items()})
+        case_means = present.groupby(rows["case"]).mean() if not infinite else present.head(0)
+        error = float(case_means.std(ddof=1) / np.sqrt(len(case_means))) if len(case_means) > 1 else np.nan
+        mean, deviation = (np.nan, np.nan) if infinite else (present.mean(), present.std(ddof=1))
+        line |= {"mean": mean, "standard_error": error, "spread": deviation}
+        lines.append(line | {key: compute_quantile(present, probability) for key, probability in QUANTILES.items()})
     return pd.DataFrame(lines, columns=["column", *COUNTS, "mean", "standard_error", "spread", *QUANTILES])
 
 
 def build_tolerance_table(rows: pd.DataFrame) -> Table:
-    """Median and tolerance interval of each numeric column of a study's good rows, a row a case."""
+    """Build the median and tolerance interval of each numeric column of a study's good rows, a row a case."""
     lines = []
     for name, values in _select_numbers(rows, ["number"]).astype(float).items():
-        found = values.dropna()
+        present = values.dropna()
         if not str(name).startswith(DISPERSED):
-            low, high = compute_tolerance_interval(found)
-            line = {"column": name, "cases": len(found), "missing": len(values) - len(found)}
-            line |= {"infinite": int(np.isinf(found).sum()), "median": compute_quantile(found, 0.5), "low": low, "high": high}
-            lines.append(line)
+            low, high = compute_tolerance_interval(present)
+            line = {"column": name, "cases": len(present), "missing": len(values) - len(present)}
+            infinite, median = int(np.isinf(present).sum()), compute_quantile(present, 0.5)
+            lines.append(line | {"infinite": infinite, "median": median, "low": low, "high": high})
     note = (
         "Low to high holds 95 % of all cases that do not fail and have a value, with 95 % confidence, whatever the "
         "distribution. Missing cases have no value; an end that reaches infinite values is infinite."

@@ -19,35 +19,35 @@ NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 @dataclass(frozen=True)
 class Verdict:
-    """One thing that is asked."""
+    """The outcome of one check, as a test case of JUnit."""
 
-    name: str  # what is asked
-    failure: str = ""  # why it is not as it should be; empty where it is
-    skipped: str = ""  # why it has no answer; empty where it has one
+    name: str  # of the check
+    failure: str = ""  # reason of a failure; empty if it passed
+    skipped: str = ""  # reason of a missing answer; empty if there is one
 
 
 def convert_checks(checks: Sequence[Check]) -> list[Verdict]:
     """Convert the checks of a study; a note, which has no bounds or too few rows for them, is skipped."""
     from studies.report.checks import format_checks
 
-    out = []
+    verdicts = []
     for check, row in zip(checks, format_checks(checks).to_dict("records"), strict=True):
-        said = " ".join(f"{row['value']} {row['unit']}".split())
-        failure = f"{said}, asked {row['asked']}" if check.verdict == "fail" else ""
-        out.append(Verdict(check.name, failure, f"{said}: a note" if check.verdict == "note" else ""))
-    return out
+        value = " ".join(f"{row['value']} {row['unit']}".split())
+        failure = f"{value}, asked {row['asked']}" if check.verdict == "fail" else ""
+        verdicts.append(Verdict(check.name, failure, f"{value}: a note" if check.verdict == "note" else ""))
+    return verdicts
 
 
 def write_junit(path: Path, suite: str, subject: str, verdicts: Sequence[Verdict]) -> None:
     """Write verdicts as a suite of one class, the subject."""
     counts = {"tests": len(verdicts), "errors": 0}
-    counts["failures"] = sum(bool(one.failure) for one in verdicts)
-    counts["skipped"] = sum(bool(one.skipped) for one in verdicts)
+    counts["failures"] = sum(bool(verdict.failure) for verdict in verdicts)
+    counts["skipped"] = sum(bool(verdict.skipped) for verdict in verdicts)
     root = ElementTree.Element("testsuites")
     element = _add_element(root, "testsuite", name=suite, **{key: str(count) for key, count in counts.items()})
-    for one in verdicts:
-        case = _add_element(element, "testcase", classname=subject, name=one.name)
-        for kind, message in (("failure", one.failure), ("skipped", one.skipped)):
+    for verdict in verdicts:
+        case = _add_element(element, "testcase", classname=subject, name=verdict.name)
+        for kind, message in (("failure", verdict.failure), ("skipped", verdict.skipped)):
             if message:
                 _add_element(case, kind, message=message)
     ElementTree.indent(root)

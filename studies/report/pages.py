@@ -48,14 +48,14 @@ class Picture:
 
     name: str  # of its anchor
     draw: Callable[[], Figure | bytes]  # makes it, or its SVG
-    alt: str  # what it shows, for those who do not see it
+    alt: str  # its content in words, for those who do not see it
     caption: str  # how to read it
 
     @property
     def source(self) -> str:
         """The figure as SVG in a URL that holds it."""
-        drawn = self.draw()
-        data = svg.shorten_svg(drawn if isinstance(drawn, bytes) else svg.render_svg(drawn))
+        figure = self.draw()
+        data = svg.shorten_svg(figure if isinstance(figure, bytes) else svg.render_svg(figure))
         return f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
 
 
@@ -115,14 +115,14 @@ class Answer:
     """The first screen of a page."""
 
     kind: str  # "gap", "open", or "" for an agreement
-    picture: Picture | None  # what carries the answer
-    sentence: str  # what it says
+    picture: Picture | None  # of the answer
+    sentence: str  # of the answer
     lines: Mapping[str, str] = field(default_factory=dict)  # answers by question
 
 
 @dataclass(frozen=True)
 class ProvenanceFooter:
-    """What a page's footer says."""
+    """Contents of a page's footer."""
 
     version: str  # of gyrocal
     day: str  # as YYYY-MM-DD, UTC
@@ -133,8 +133,8 @@ class ProvenanceFooter:
 def build_provenance_footer(recording: Recording | None = None) -> ProvenanceFooter:
     """Describe the command that is running, and the recording it reads."""
     command = shlex.join(["gyrocal", *sys.argv[1:]])
-    day = datetime.now(UTC).date().isoformat()
-    return ProvenanceFooter(metadata.version("gyrocal"), day, command, "" if recording is None else hash_recording(recording))
+    date = datetime.now(UTC).date().isoformat()
+    return ProvenanceFooter(metadata.version("gyrocal"), date, command, "" if recording is None else hash_recording(recording))
 
 
 @dataclass(frozen=True)
@@ -144,13 +144,13 @@ class Page:
     title: str  # its heading
     sections: Sequence[Section]  # in order
     answer: Answer | None = None  # the first screen
-    made: ProvenanceFooter | None = None  # how it came about, for the footer
+    provenance: ProvenanceFooter | None = None  # of the result, for the footer
     short: str = ""  # title of the window; the heading by default
 
     @property
     def chapters(self) -> list[Section]:
         """Sections of the first level, which the page lists."""
-        return [one for one in self.sections if one.level == 2 and one.title]
+        return [section for section in self.sections if section.level == 2 and section.title]
 
     def render_html(self) -> str:
         """Render the page; the same content gives the same bytes."""
@@ -172,8 +172,8 @@ def _show_section(console: Console, section: Section) -> None:
     for item in section.items:
         if isinstance(item, PageTable):
             shown = item.frame.head(item.most_rows or len(item.frame))
-            left = len(item.frame) - len(shown)
-            note = f"{item.note} {left} more rows are in the JSON and on the page.".strip() if left else item.note
+            hidden = len(item.frame) - len(shown)
+            note = f"{item.note} {hidden} more rows are in the JSON and on the page.".strip() if hidden else item.note
             print_table(console, item.label, shown, note)
         elif isinstance(item, str):
             lines.append(item)
@@ -202,5 +202,5 @@ def _create_environment() -> Environment:
 
 
 def make_slug(text: str) -> str:
-    """A text as the name of an anchor."""
+    """Make the name of an anchor from a text."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

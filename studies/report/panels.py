@@ -34,7 +34,7 @@ PANEL_STYLE: dict[Any, Any] = svg.SVG_STYLE | {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
 }
-# Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
+# Tol's vibrant scheme, and near-black: distinct for every kind of colour vision.
 RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
 AXIS_COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 AXIS_LINE_STYLES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
@@ -59,14 +59,14 @@ class Panel:
     legend_title: str = ""  # above it
 
     def draw_axes(self, axes: Axes) -> None:
-        """Draw the panel with what belongs to its axes."""
-        for which in self.log:
-            getattr(axes, f"set_{which}scale")("log")
+        """Draw the panel with scales, lines, ticks, labels and legend of its axes."""
+        for axis in self.log:
+            getattr(axes, f"set_{axis}scale")("log")
         self.draw(axes)
         for level in self.levels:
             axes.axhline(level, color="0.4", linewidth=0.8, linestyle="--")
-        for place in self.at:
-            axes.axvline(place, color="0.4", linewidth=1, linestyle=":")
+        for position in self.at:
+            axes.axvline(position, color="0.4", linewidth=1, linestyle=":")
         if len(self.ticks):
             axes.set_xticks(self.ticks, [f"{tick:g}" for tick in self.ticks])
             axes.set_xticks([], minor=True)
@@ -92,7 +92,7 @@ def draw_panels(
     sharex: Any = False,
     sharey: Any = False,
 ) -> Figure:
-    """Panels side by side, row by row, on a figure of that size in inches; widths of the columns are relative.
+    """Draw panels side by side, row by row, on a figure of that size in inches; widths of the columns are relative.
 
     The legend is that of the first panel, outside of all, such as "outside right center". sharex and sharey are matplotlib's;
     with sharey=True labels of y are on the left only.
@@ -117,8 +117,8 @@ def draw_panels(
         if legend:
             handles, labels = grid[0, 0].get_legend_handles_labels()
             style: dict[str, Any] = {"loc": legend, "fontsize": 8, "title_fontsize": 8}
-            across = 1 if legend.startswith("outside right") else len(labels)
-            figure.legend(handles, labels, title=legend_title or None, ncols=across, **style)
+            legend_columns = 1 if legend.startswith("outside right") else len(labels)
+            figure.legend(handles, labels, title=legend_title or None, ncols=legend_columns, **style)
     return figure
 
 
@@ -156,7 +156,7 @@ class Line:
 
 
 def make_curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
-    """Series with their ranges, over the range that is expected in grey; axes are further attributes of the `Panel`."""
+    """Make a panel of series with their ranges, over an expected range in grey; axes are attributes of the `Panel`."""
 
     def draw(on: Axes) -> None:
         if expected:
@@ -178,13 +178,13 @@ def make_curves(lines: Sequence[Line], expected: tuple[float, float] | None = No
 
 
 def make_power_law(x: ArrayLike, order: float, at: float = 1.0, label: str = "") -> Line:
-    """A line of that slope on logarithmic axes, through y = at in the first point."""
+    """Make a line of slope `order` on logarithmic axes, through y = at in the first point."""
     values = np.asarray(x, dtype=float)
     return Line(values, at * (values / values[0]) ** order, label, GREY, "--")
 
 
 def make_shades(values: Sequence[float]) -> dict[float, str]:
-    """Colours of the values of a setting, dark to light."""
+    """Choose a colour for each value of a setting, dark to light."""
     import matplotlib as mpl
 
     steps = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(values)))
@@ -198,7 +198,7 @@ def make_heat_map(
     log: bool = False,
     **axes: Any,
 ) -> Panel:
-    """A table of numbers, rows upwards, coloured by their size or its logarithm; numbers above `mark_above` are crossed."""
+    """Make a panel of numbers coloured by size or logarithm, rows upwards; those above `mark_above` are crossed."""
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
     low, high = float(np.nanmin(strength)), float(np.nanmax(strength))
@@ -213,10 +213,10 @@ def make_heat_map(
                 text = form.format(value).replace("e-0", "e-") + (" ✗" if value > mark_above else "")
                 ink = "white" if strength[i, j] < middle else "black"
                 on.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink, fontsize=8)
-        for which, names in (("x", grid.columns), ("y", grid.index)):
+        for axis, names in (("x", grid.columns), ("y", grid.index)):
             texts = [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
-            turned = 60 if which == "x" and max(map(len, texts)) * len(texts) > 40 else 0
-            getattr(on, f"set_{which}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
+            turned = 60 if axis == "x" and max(map(len, texts)) * len(texts) > 40 else 0
+            getattr(on, f"set_{axis}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
 
     return Panel(draw, **axes)
 
@@ -229,7 +229,7 @@ def make_forest(
     band: tuple[float, float] | None = None,
     **axes: Any,
 ) -> Panel:
-    """Values (n,) on a line a name, with bars of half lengths (n,), or (2, n) to the left and right, and a band beside them."""
+    """Make a panel of values (n,), a line a name, with bars of half lengths (n,) or (2, n): left, right; and a band."""
     rows = np.arange(len(names))
 
     def draw(on: Axes) -> None:
@@ -243,13 +243,13 @@ def make_forest(
 
 
 def make_histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:
-    """Counts in equal bins of [0, 1], with what is expected of each, and the band it should keep to."""
-    found = np.asarray(counts, dtype=float)
+    """Make a panel of counts in equal bins of [0, 1], with the expected count and its band."""
+    heights = np.asarray(counts, dtype=float)
 
     def draw(on: Axes) -> None:
         on.axhspan(*band, color=TEAL, alpha=0.2, linewidth=0)
         on.axhline(expected, color=TEAL, linewidth=0.8)
-        on.stairs(found, np.linspace(0, 1, found.size + 1), color=DARK)
+        on.stairs(heights, np.linspace(0, 1, heights.size + 1), color=DARK)
         on.set_ylim(0, None)
         on.set_xlim(0, 1)
 
@@ -257,7 +257,7 @@ def make_histogram(counts: ArrayLike, expected: float, band: tuple[float, float]
 
 
 def make_distribution(samples: ArrayLike, marked: float, **axes: Any) -> Panel:
-    """A histogram of values, with one value marked by a red line."""
+    """Make a histogram of values, with one value marked by a red line."""
 
     def draw(on: Axes) -> None:
         on.hist(np.asarray(samples, dtype=float), bins=20, color=TEAL, alpha=0.6)

@@ -31,7 +31,7 @@ EXCESS_DECIMALS = re.compile(rb"(\.\d)\d+")  # a tenth of a point is not seen
 
 
 def render_svg(figure: Figure) -> bytes:
-    """A figure as SVG."""
+    """Render a figure as SVG."""
     out = io.BytesIO()
     import matplotlib as mpl
 
@@ -41,14 +41,14 @@ def render_svg(figure: Figure) -> bytes:
 
 
 def name_by_content(svg: bytes) -> bytes:
-    """The same SVG with names that do not depend on the last bits of floats."""
+    """Rename the elements of an SVG, so that names do not depend on the last bits of floats."""
     names = {}
-    for found in DEFINED.finditer(svg):
-        name = found[1] or found[3]
-        names[name] = name[:1] + hashlib.sha256(found[0].replace(name, b"")).hexdigest()[:10].encode()
-    return NAMED.sub(lambda found: found[1] + names.get(found[2], found[2]), svg)
+    for match in DEFINED.finditer(svg):
+        name = match[1] or match[3]
+        names[name] = name[:1] + hashlib.sha256(match[0].replace(name, b"")).hexdigest()[:10].encode()
+    return NAMED.sub(lambda match: match[1] + names.get(match[2], match[2]), svg)
 
 
 def shorten_svg(svg: bytes) -> bytes:
-    """The same SVG for a page: places to a tenth of a point, without line breaks."""
-    return re.sub(rb"\s*\n\s*", b" ", COORDINATE_ATTRIBUTES.sub(lambda found: EXCESS_DECIMALS.sub(rb"\1", found[0]), svg))
+    """Shorten an SVG for a page: coordinates to a tenth of a point, without line breaks."""
+    return re.sub(rb"\s*\n\s*", b" ", COORDINATE_ATTRIBUTES.sub(lambda match: EXCESS_DECIMALS.sub(rb"\1", match[0]), svg))

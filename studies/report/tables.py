@@ -18,17 +18,17 @@ from rich.table import Table as RichTable
 from studies.report.units import format_heading
 
 NO_VALUE = "–"
-# Significant ones in CSV files: between BLAS kernels and vector units numbers differ by some 1e-13 of themselves, and by 1e-8
-# where they are small differences of large ones, such as the mean of errors; seldom does that turn a sixth digit.
+# In CSV files. Between BLAS kernels and vector units numbers differ by some 1e-13 relative, and by 1e-8 where they are small
+# differences of large numbers, such as the mean of errors. This seldom changes the sixth digit.
 SIGNIFICANT_DIGITS = 6
-FOLDED = 24  # characters of a text, which a narrow terminal folds to no less
+FOLDED = 24  # characters: least width to which a narrow terminal folds a text
 
 
 @dataclass(frozen=True)
 class Table:
     """A table of a report."""
 
-    title: str  # what is in it
+    title: str  # its content
     data: pd.DataFrame  # the numbers; written as CSV
     note: str = ""  # a sentence on how to read it
     # format of a column, such as ".3f", where few digits are not the right ones
@@ -44,7 +44,7 @@ class Table:
 
 
 def format_number(value: float, digits: int | None = None) -> str:
-    """A number with so many decimals; without a count in few characters, with an exponent where that is shorter."""
+    """Format a number with `digits` decimals; by default in few characters, with an exponent if that is shorter."""
     if pd.isna(value):
         return NO_VALUE
     if digits is not None:
@@ -55,20 +55,20 @@ def format_number(value: float, digits: int | None = None) -> str:
 
 
 def format_to_sigma(value: float, sigma: float) -> str:
-    """A value to two digits of its sigma; to nine without one."""
+    """Format a value to two digits of its sigma; to nine significant digits without one."""
     return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else f"{value:.9g}"
 
 
 def format_short(value: float, digits: int = 2, sign: str = "") -> str:
-    """A number to so many digits, without an exponent where it needs none."""
+    """Format a number to `digits` significant digits, without an exponent if it needs none."""
     return f"{float(f'{value:.{digits}g}'):{sign}g}"
 
 
-def format_percent(share: float) -> str:
-    """A probability, never rounded to certainty."""
-    if not isfinite(share):
+def format_percent(probability: float) -> str:
+    """Format a probability in percent, never rounded to certainty."""
+    if not isfinite(probability):
         return NO_VALUE
-    value = 100 * share
+    value = 100 * probability
     if value > 99.9:
         return "more than 99.9 %"
     if value < 0.1:
@@ -77,14 +77,14 @@ def format_percent(share: float) -> str:
 
 
 def format_p_value(p: float) -> str:
-    """A p-value with its relation: p = 0.012, p < 1e-99."""
+    """Format a p-value with its relation: p = 0.012, p < 1e-99."""
     if not isfinite(p):
         return "p unknown"
     return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"
 
 
 def format_size(value: float, sigma: float, unit: str) -> str:
-    """A size ± sigma and unit, to two digits of its sigma."""
+    """Format a size ± sigma and unit, to two digits of its sigma."""
     if not 0 < sigma < inf:
         return f"{value:.5g} {unit} (its error is not known)"
     if not isfinite(value):
@@ -99,31 +99,31 @@ def format_size(value: float, sigma: float, unit: str) -> str:
 
 
 def format_interval(value: float, interval: tuple[float, float], scale: float = 1.0, form: str = ".3g", unit: str = "") -> str:
-    """A value with its interval in brackets, times a scale."""
+    """Format a value with its interval in brackets, times a scale."""
     low, high = (f"{scale * end:{form}}" for end in interval)
     return f"{scale * value:{form}}{unit} ({low} to {high}{unit})"
 
 
 def format_share(share: float | None, interval: tuple[float, float] | None) -> str:
-    """A share with its interval in percent; empty without one."""
+    """Format a share with its interval in percent; empty without one."""
     return "" if share is None or interval is None else format_interval(share, interval, 100, ".0f", " %")
 
 
 def join_items(items: Sequence[str], last: str) -> str:
-    """A, b and c."""
+    """Join items as in "A, b and c"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def print_table(
     console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
 ) -> None:
-    """Print a table; texts are folded, and columns that still do not fit beside the first ones are named below it."""
+    """Print a table; texts are folded, and columns that still do not fit into the terminal are named below it."""
     cells = list(format_cells(table, formats or {}))
     headings = [format_heading(str(column)) for column in table.columns]
     numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table.columns]
     widths = [max(map(cell_len, column)) for column in zip(headings, *cells, strict=True)]
-    needed = [3 + (width if is_number else min(width, FOLDED)) for width, is_number in zip(widths, numeric, strict=True)]
-    count = max(1, int(np.searchsorted(np.cumsum(needed), console.width - 1, side="right")))
+    needed_widths = [3 + (width if is_number else min(width, FOLDED)) for width, is_number in zip(widths, numeric, strict=True)]
+    count = max(1, int(np.searchsorted(np.cumsum(needed_widths), console.width - 1, side="right")))
     if count < len(headings):
         note = f"{note} Too wide for this terminal, and left out: {', '.join(headings[count:])}.".strip()
     out = RichTable(
@@ -137,7 +137,7 @@ def print_table(
 
 
 def format_markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None) -> str:
-    """A Markdown section."""
+    """Format a table as a Markdown section."""
     header = [format_heading(str(column)) for column in table.columns]
     lines = [f"## {title}", ""] + ([note, ""] if note else [])
     lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
@@ -149,20 +149,20 @@ def format_markdown(title: str, table: pd.DataFrame, note: str = "", formats: Ma
 def summarise_groups(
     rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]
 ) -> pd.DataFrame:
-    """A line for each group of rows with the same keys, in the order they come in: the keys, and what `line` makes of it."""
+    """Summarise each group of rows with the same keys, in their first order: the keys, and the fields of `line`."""
     groups = rows.groupby(list(keys), sort=False)
     return pd.DataFrame([{**dict(zip(keys, key, strict=True)), **line(part)} for key, part in groups])
 
 
 def format_cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
-    """The rows as texts."""
-    wanted = [formats.get(str(column)) for column in table.columns]
+    """Format the rows of a table as texts."""
+    column_formats = [formats.get(str(column)) for column in table.columns]
     for row in table.itertuples(index=False):
-        yield [format_cell(value, form) for value, form in zip(row, wanted, strict=True)]
+        yield [format_cell(value, form) for value, form in zip(row, column_formats, strict=True)]
 
 
 def format_cell(value: object, form: str | None) -> str:
-    """A value as text; markup stays as it is."""
+    """Format a value as text; markup stays as it is."""
     if isinstance(value, str):
         return value
     if value is None:

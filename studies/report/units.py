@@ -7,7 +7,7 @@ import numpy as np
 from gyrocal.arrays import Array
 from gyrocal.calibration.parameters import NAMES
 
-# What turns G (dimensionless) and b (rad/s) into these units, (12,).
+# Factors from G (dimensionless) and b (rad/s) to these units, (12,).
 PPM_DEG_H: Array = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)
 ONE_DEG_S: Array = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
 PPM_DEG_H_NAMES = ("ppm",) * 9 + ("deg/h",) * 3
@@ -31,12 +31,12 @@ PARAMETER = re.compile(r"\b(G|b) ([xyz]{1,2})\b")
 
 
 def name_columns(quantity: str) -> list[str]:
-    """Columns of a quantity of the twelve parameters in ppm and deg/h, such as error_G_xx_ppm."""
+    """Name the columns of a quantity of the twelve parameters in ppm and deg/h, such as error_G_xx_ppm."""
     return [f"{quantity}_{name}_{unit.replace('/', '_')}" for name, unit in zip(NAMES, PPM_DEG_H_NAMES, strict=True)]
 
 
 def format_heading(column: str) -> str:
-    """A column's name for people: words in place of underscores, and its unit in brackets."""
-    if found := WITH_UNIT.fullmatch(column):
-        return f"{format_heading(found['name'] + found['statistic'])} ({ENDINGS[found['ending']]})"
+    """Format a column's name for people: words in place of underscores, and its unit in brackets."""
+    if match := WITH_UNIT.fullmatch(column):
+        return f"{format_heading(match['name'] + match['statistic'])} ({ENDINGS[match['ending']]})"
     return PARAMETER.sub(r"\1_\2", column.replace("_", " "))

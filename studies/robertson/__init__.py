@@ -1,1 +1,1 @@
-"""R reproduced: the Mission Mode loop flown through the flight's first five months, beside the flight's values."""
+"""Reproduction of R: the Mission Mode loop simulated through the flight's first five months, and the flight's values."""

@@ -1,4 +1,4 @@
-"""R Table 3's periods, a mission begun on a later day, and the yaw maneuvers of N's intervals 2 and 6 as flights."""
+"""Periods of R Table 3, missions that begin on a later day, and the yaw maneuvers of N's intervals 2 and 6 as flights."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables, Yaw
 from simulator.mission_mode.flight import build_flight_schedule
 
 PERIODS = ("precalibration", "calibration1", "postcalibration")
-FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one starts but for the last days of February
+FIRST_DAYS = {  # start and stop of R Table 3's periods, UTC; each but the second ends where the next one starts
     "precalibration": ("1997-11-27T21:30:00+00:00", "1997-12-11T12:00:00+00:00"),
     "calibration1": ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00"),
     "postcalibration": ("1998-03-01T00:00:00+00:00", "1998-05-01T00:00:00+00:00"),
@@ -19,7 +19,7 @@ ORBITS_TO_SLEW = 4.5  # before the maneuver, for yaw updates to settle
 
 
 def shift_mission_start(config: MissionConfig, days: float) -> MissionConfig:
-    """The config so many days later, without maneuvers and uploads, flying with the axis forward that keeps the Sun on −Y."""
+    """Start the mission so many days later, without maneuvers and uploads, and with the Sun on −Y."""
     t = days * DAY
     orbit = replace(
         config.orbit,
@@ -27,20 +27,19 @@ def shift_mission_start(config: MissionConfig, days: float) -> MissionConfig:
         latitude_argument=config.orbit.latitude_argument + config.orbit.mean_motion * t,
     )
     epoch = (pd.Timestamp(config.epoch) + pd.Timedelta(days=days)).isoformat()
-    ahead = float(compute_sun_angle(config.epoch, config.orbit, t)) > 0
-    return replace(config, epoch=epoch, orbit=orbit, forward="+x" if ahead else "-x", maneuvers=(), uploads=())
+    is_plus_x = float(compute_sun_angle(config.epoch, config.orbit, t)) > 0
+    return replace(config, epoch=epoch, orbit=orbit, forward="+x" if is_plus_x else "-x", maneuvers=(), uploads=())
 
 
 def convert_to_mission_day(moment: str, config: MissionConfig) -> float:
-    """Days from the config's epoch to a moment, UTC."""
+    """Convert a moment in UTC to days from the config's epoch."""
     return float((pd.Timestamp(moment) - pd.Timestamp(config.epoch)).total_seconds() / DAY)
 
 
 def build_slew_config(config: MissionConfig, tables: OnBoardTables, maneuver: str) -> MissionConfig:
-    """A run with the yaw maneuver nearest to one of `YAW_MANEUVER_TIMES`, with these tables throughout."""
+    """Build a run with the planned maneuver nearest to one of `YAW_MANEUVER_TIMES`, with these tables throughout."""
     planned = build_flight_schedule(config, 60.0).maneuvers
-    start = min(
-        planned, key=lambda one: abs(one.start_s / DAY - convert_to_mission_day(YAW_MANEUVER_TIMES[maneuver], config))
-    ).start_s
-    lead = ORBITS_TO_SLEW * config.orbit.period
-    return replace(shift_mission_start(config, (start - lead) / DAY), tables=tables, maneuvers=(YawManeuver(lead),))
+    flown_day = convert_to_mission_day(YAW_MANEUVER_TIMES[maneuver], config)
+    start_s = min((planned_maneuver.start_s for planned_maneuver in planned), key=lambda start: abs(start / DAY - flown_day))
+    lead_s = ORBITS_TO_SLEW * config.orbit.period
+    return replace(shift_mission_start(config, (start_s - lead_s) / DAY), tables=tables, maneuvers=(YawManeuver(lead_s),))

@@ -1,10 +1,11 @@
-"""R Table 3 diagnosed: what parts the simulated from the flown Mission Mode, by the common inference.
+"""Diagnosis of R Table 3: causes of the misfit between the simulated and the flown Mission Mode, by the common inference.
 
-Observations are flown minus simulated of R Table 3's 18 numbers, in sigmas: the scatter of the windows, once for the simulated
-and once for the flight's own finite record, and the printed digits. M0 is the nominal Mission Mode under R's own statistic. A
-candidate's column is what its effect changes when it is flown in the same windows with the same noise. Effects that add in
-quadrature, noises and what changes its sign along the orbit, are held by the square of their size, in which the numbers are
-nearest to linear; an effect of either sign whose two sides differ is two candidates. What is there or not is a shift.
+Observations are flown minus simulated values of R Table 3's 18 numbers, in sigmas. The variance has three parts: the scatter of
+the windows, once for the simulated and once for the flight's own finite record, and the printed digits. M0 is the nominal
+Mission Mode under R's own statistic. A candidate's column is the change of the numbers when its effect is simulated in the same
+windows with the same noise. Noises, and effects that change sign along the orbit, add in quadrature: their amplitude is the
+square of their size, in which the numbers are nearest to linear. An effect of either sign whose two sides differ is two
+candidates. An effect that is either present or absent is a shift.
 
 The rival is "unknown", a random difference of any size in all numbers, in a period's, or in one number. Beside the search over
 all 18 numbers, whole periods are held out: sizes from two periods predict the third.
@@ -50,7 +51,7 @@ MOST_MISSION_EFFECTS = 4
 
 @dataclass(frozen=True)
 class PerformanceDiagnosis:
-    """What the numbers say."""
+    """The diagnosis of R Table 3."""
 
     attribution: Attribution  # of the common inference
     fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation
@@ -60,9 +61,9 @@ class PerformanceDiagnosis:
     def probabilities(self) -> dict[str, float]:
         """Probability of each candidate, the likeliest first."""
         out: dict[str, float] = {}
-        for one in self.attribution.ranked:
-            for label in one.labels:
-                out[label] = out.get(label, 0.0) + one.probability
+        for explanation in self.attribution.ranked:
+            for label in explanation.labels:
+                out[label] = out.get(label, 0.0) + explanation.probability
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
     def summary(self) -> dict[str, Any]:
@@ -83,7 +84,7 @@ def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
     explanations = rank_explanations(model, DEFAULT.unlisted_share)
     members = list(explanations[0].members)
     fitted = tuple(fit(model, members)) if members else ()
-    listed = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
+    listed = [effect for effect in fitted if not effect.effect.startswith(UNKNOWN_NAME)]
     closed = compute_closure(model, members) if listed else None
     return PerformanceDiagnosis(rank_all(model, explanations), fitted, closed)
 
@@ -98,68 +99,74 @@ def build_performance_model(windows: Windows) -> LinearModel:
     digits = np.array([LAST_DIGITS[parameter] for parameter, _, _ in WINDOW_NUMBERS]) / np.sqrt(12.0)
     sigma = np.sqrt((relative * base) ** 2 + (relative * flight) ** 2 + digits**2)
     groups = []
-    for one in TRIED_EFFECTS:
-        flown = windows[one.setting] if one.setting else add_bias_walk(rows, one)
+    for trial in TRIED_EFFECTS:
+        flown = windows[trial.setting] if trial.setting else add_bias_walk(rows, trial)
         change = (_order_numbers(compute_simulated_numbers(flown)) - base) / sigma
-        groups.append(_make_effect_candidate(one, change[:, None]))
+        groups.append(_make_effect_candidate(trial, change[:, None]))
     owner = np.array([number[2] for number in WINDOW_NUMBERS])
     groups += _list_random_differences(owner)
     y = (flight - base) / sigma
     return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", MOST_MISSION_EFFECTS)
 
 
-def _make_effect_candidate(one: TrialEffect, change: Array) -> CandidateColumns:
-    if one.switch:
-        there: dict[str, Any] = {"read": lambda _: (one.size, {}), "shifted": True, "scales": np.ones(1)}
-        return make_candidate(one.effect, one.axis, change, one.unit, one.limits, **there)
+def _make_effect_candidate(trial: TrialEffect, change: Array) -> CandidateColumns:
+    """Make the candidate of an effect from the change (18, 1) of the numbers, in sigmas, that its trial size makes."""
+    if trial.switch:
+        switch_options: dict[str, Any] = {"read": lambda _: (trial.size, {}), "shifted": True, "scales": np.ones(1)}
+        return make_candidate(trial.effect, trial.axis, change, trial.unit, trial.limits, **switch_options)
     # An effect's amplitude is its size, or the square of it.
-    power = 2 if one.squared else 1
-    limits = (one.limits[0] ** power, one.limits[1] ** power)
-    read = _read_square_root if one.squared else read_first_amplitude
-    return make_candidate(one.effect, one.axis, change / one.size**power, one.unit, limits, positive=True, read=read)
+    power = 2 if trial.squared else 1
+    limits = (trial.limits[0] ** power, trial.limits[1] ** power)
+    read = _read_square_root if trial.squared else read_first_amplitude
+    return make_candidate(trial.effect, trial.axis, change / trial.size**power, trial.unit, limits, positive=True, read=read)
 
 
 def _read_square_root(amplitudes: Array) -> tuple[float, Parameters]:
+    """Return the size of an effect whose amplitude is the square of its size, and no further parameters."""
     return float(np.sqrt(max(amplitudes[0], 0.0))), {}
 
 
-def add_bias_walk(rows: pd.DataFrame, one: TrialEffect) -> pd.DataFrame:
-    """The nominal's windows with a walk of the gyro's bias: what the batch finds moves with the bias, nothing else does."""
-    config = apply_mission_effects([f"{one.effect}:{one.axis}={one.size}"])
-    column = f"bias_{one.axis}_deg_h"
-    bias = [simulate_bias_walk(config, day, 1998)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
+def add_bias_walk(rows: pd.DataFrame, trial: TrialEffect) -> pd.DataFrame:
+    """Add a random walk of the gyro's bias to the nominal's windows; it changes only the batch's bias."""
+    config = apply_mission_effects([f"{trial.effect}:{trial.axis}={trial.size}"])
+    column = f"bias_{trial.axis}_deg_h"
+    bias = [simulate_bias_walk(config, day, 1998)["xyz".index(str(trial.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
     return rows.assign(**{column: rows[column] + bias})
 
 
 def _list_random_differences(owner: NDArray[np.str_]) -> list[CandidateColumns]:
-    """Random differences, in sigmas: of all numbers, a period's, or one number."""
-    each = np.eye(len(owner))
-    periods = [make_rival("a period", name, each[:, owner == name], "sigma", UNKNOWN_LIMITS) for name in PERIODS]
+    """List random differences, in sigmas: of all numbers, a period's, or one number."""
+    identity = np.eye(len(owner))
+    periods = [make_rival("a period", name, identity[:, owner == name], "sigma", UNKNOWN_LIMITS) for name in PERIODS]
     numbers = [
-        make_rival("a number", name_number(number), each[:, [k]], "sigma", UNKNOWN_LIMITS)
+        make_rival("a number", name_number(number), identity[:, [k]], "sigma", UNKNOWN_LIMITS)
         for k, number in enumerate(WINDOW_NUMBERS)
     ]
-    return [make_rival("all numbers", None, each, "sigma", UNKNOWN_LIMITS), *periods, *numbers]
+    return [make_rival("all numbers", None, identity, "sigma", UNKNOWN_LIMITS), *periods, *numbers]
 
 
 def name_number(number: Number) -> str:
-    """A number of R Table 3 in words."""
+    """Name a number of R Table 3 in words."""
     parameter, axis, period = number
-    what = {"attitude_accuracy_deg": axis, "yaw_update_deg": "update", "gyro_bias_std_deg_h": f"b_{axis}"}[parameter]
-    return f"{what} {period}"
+    quantity = {"attitude_accuracy_deg": axis, "yaw_update_deg": "update", "gyro_bias_std_deg_h": f"b_{axis}"}[parameter]
+    return f"{quantity} {period}"
 
 
 def _order_numbers(values: Mapping[Number, float]) -> Array:
+    """Order values (18,) as `WINDOW_NUMBERS`."""
     return np.array([values[number] for number in WINDOW_NUMBERS])
 
 
-def build_size_table(found: PerformanceDiagnosis) -> pd.DataFrame:
-    """Sizes of the effects of the likeliest explanation."""
-    sizes = [{"cause": one.label, "size": one.size, "sigma": compute_size_sigma(one), "unit": one.unit} for one in found.fitted]
+def build_size_table(diagnosis: PerformanceDiagnosis) -> pd.DataFrame:
+    """Build the table of the sizes of the likeliest explanation's effects."""
+    sizes = [
+        {"cause": effect.label, "size": effect.size, "sigma": compute_size_sigma(effect), "unit": effect.unit}
+        for effect in diagnosis.fitted
+    ]
     return pd.DataFrame(sizes)
 
 
-def compute_size_sigma(one: FittedEffect) -> float:
-    """Sigma of a size, of an amplitude a that is the size's square σ_a/(2 √a)."""
-    squared = any(trial.squared and trial.effect == one.effect and not trial.switch for trial in TRIED_EFFECTS)
-    return float(one.sigmas[0] / (2 * one.size)) if squared and one.size > 0 else one.sigma
+def compute_size_sigma(fitted: FittedEffect) -> float:
+    """Compute the sigma of a size; σ_a/(2 √a) if the amplitude a is the square of the size."""
+    is_squared = any(trial.squared and trial.effect == fitted.effect and not trial.switch for trial in TRIED_EFFECTS)
+    return float(fitted.sigmas[0] / (2 * fitted.size)) if is_squared and fitted.size > 0 else fitted.sigma

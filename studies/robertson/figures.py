@@ -37,8 +37,8 @@ MISSION_FIGURE_TITLES = {
 
 
 def draw_mission_figures(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float) -> dict[str, tuple[str, Draw]]:
-    """Titles and what draws them, by file name."""
-    drawn = (
+    """Return titles and drawing functions of the figures, by file name."""
+    drawings = (  # in the order of `MISSION_FIGURE_TITLES`
         draw_sensor_fields(),
         draw_yaw_figure(runs),
         draw_spike_figure(runs),
@@ -47,24 +47,24 @@ def draw_mission_figures(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame,
         draw_bias_figure(daily, days),
         draw_attitude_figure(runs),
     )
-    return {name: (title, one) for (name, title), one in zip(MISSION_FIGURE_TITLES.items(), drawn, strict=True)}
+    return {name: (title, draw) for (name, title), draw in zip(MISSION_FIGURE_TITLES.items(), drawings, strict=True)}
 
 
 def draw_sensor_fields() -> Draw:
-    """R Figure 6: the fields of view in the orbit plane's angles, the Sun's paths and the limb."""
+    """Draw R Figure 6: the fields of view in the orbit plane's angles, the Sun's paths and the limb."""
     config = MissionConfig()
     edge = np.tan(SIMULATED_HALF_FOV)
-    side = np.concatenate([np.linspace(-edge, edge, 40), np.full(40, edge), np.linspace(edge, -edge, 40), np.full(40, -edge)])
-    up = np.roll(side, 40)
+    edge_x = np.concatenate([np.linspace(-edge, edge, 40), np.full(40, edge), np.linspace(edge, -edge, 40), np.full(40, -edge)])
+    edge_y = np.roll(edge_x, 40)  # a quarter of the square's outline later
     lines = []
     for k, (N, colour) in enumerate(zip(build_trmm_alignments(*config.boresights), (RED, TEAL), strict=True)):
-        body = np.stack([side, up, np.ones_like(side)], axis=-1) @ N.T
+        body = np.stack([edge_x, edge_y, np.ones_like(edge_x)], axis=-1) @ N.T
         x, y = compute_path_angles(body)
         lines.append(Line(np.append(x, x[0]), np.append(y, y[0]), f"field of DSS-{k + 1}", colour, "-"))
     for angle in (0.0, 10.0, 30.0, 58.4):
         x, y = compute_path_angles(compute_sun_path((angle,)))
         lines.append(Line(x, y, f"Sun, {angle:g}°", DARK, ":"))
-    updates = np.array([[side * np.cos(a), -np.sin(a), 0.0] for side in (1, -1) for a in np.deg2rad([5.0, 20.0, 35.0, 50.0])])
+    updates = np.array([[sign * np.cos(a), -np.sin(a), 0.0] for sign in (1, -1) for a in np.deg2rad([5.0, 20.0, 35.0, 50.0])])
     x, y = compute_path_angles(updates)
     lines.append(Line(x, y, "yaw updates", DARK, "o", size=4.0))
     panel = make_curves(lines, x="along the orbit from +X through zenith to −X (deg)", y="from the XZ plane toward −Y (deg)")
@@ -72,19 +72,20 @@ def draw_sensor_fields() -> Draw:
 
 
 def compute_path_angles(body: Array) -> tuple[Array, Array]:
-    """Angle from +X through zenith, and from the XZ plane toward −Y, of directions (n, 3); deg."""
+    """Compute the angles from +X through zenith, and from the XZ plane toward −Y, of directions (n, 3); deg."""
+    # Angles along the orbit from -60 deg, so that the fields of view are not cut.
     along = np.rad2deg(np.unwrap(np.arctan2(-body[:, 2], body[:, 0]) + np.deg2rad(60.0), period=2 * np.pi)) - 60.0
     along = (along + 60.0) % 360.0 - 60.0
     return along, np.rad2deg(np.arcsin(-body[:, 1] / np.linalg.norm(body, axis=1)))
 
 
 def draw_yaw_figure(runs: Runs) -> Draw:
-    """Figures 7 and 12: on-board and true yaw through several yaw updates, before any calibration and after all."""
+    """Draw Figures 7 and 12: on-board and true yaw through several yaw updates, before any calibration and after all."""
     panels = []
     for period, title in {"precalibration": "before (R Figure 7)", "postcalibration": "after (R Figure 12)"}.items():
         rows, start = select_last_orbits(runs["yaw", period].telemetry)
-        seen = runs["yaw", period].updates["t_s"]
-        at = ((seen[seen > start] - start) / 60).tolist()
+        update_times = runs["yaw", period].updates["t_s"]
+        at = ((update_times[update_times > start] - start) / 60).tolist()
         panels.append(
             make_curves(_build_error_lines(rows, "yaw", start), at=at, title=f"{title}; dotted: yaw updates", y="yaw (deg)")
         )
@@ -92,7 +93,7 @@ def draw_yaw_figure(runs: Runs) -> Draw:
 
 
 def draw_spike_figure(runs: Runs) -> Draw:
-    """Figure 8: position error while the Sun passes a quadrant of the Earth sensor, S filter restarted wrongly and off."""
+    """Draw Figure 8: position error while the Sun passes an Earth sensor quadrant, S filter restarted wrongly and off."""
     panels = []
     for state, title in {"restarted": "S filter restarted from a wrong value", "off": "S filter off"}.items():
         rows = runs["spikes", state].telemetry
@@ -102,7 +103,7 @@ def draw_spike_figure(runs: Runs) -> Draw:
 
 
 def draw_attitude_figure(runs: Runs) -> Draw:
-    """Figure 13: attitude over an orbit after all calibrations."""
+    """Draw Figure 13: attitude over an orbit after all calibrations."""
     rows, start = select_last_orbits(runs["yaw", "postcalibration"].telemetry, 1.0)
     panels = [make_curves(_build_error_lines(rows, axis, start), y=f"{axis} (deg)") for axis in ROTATION_NAMES]
     title = "attitude against the commanded one, one orbit"
@@ -110,7 +111,7 @@ def draw_attitude_figure(runs: Runs) -> Draw:
 
 
 def draw_accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
-    """Figure 9: RMS of the on-board attitude's error, daily means, with the requirement's 1-sigma and R Table 3."""
+    """Draw Figure 9: daily RMS of the on-board attitude's error, with the requirement's 1-sigma and R Table 3."""
     limit = published_tables.read_requirement("knowledge") / 3
     panels = []
     for axis in ROTATION_NAMES:
@@ -121,7 +122,7 @@ def draw_accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
 
 
 def draw_update_figure(updates: pd.DataFrame, days: float) -> Draw:
-    """Figure 10: size of every yaw update, with R Table 3's means."""
+    """Draw Figure 10: size of every yaw update, with R Table 3's means."""
     parts = {forward: updates[updates["forward"] == forward] for forward in FORWARD_COLOURS}
     lines = [
         _build_orientation_line(rows["t_s"] / DAY, rows["update_deg"].abs(), forward, 3.0) for forward, rows in parts.items()
@@ -131,7 +132,7 @@ def draw_update_figure(updates: pd.DataFrame, days: float) -> Draw:
 
 
 def draw_bias_figure(daily: pd.DataFrame, days: float) -> Draw:
-    """Figure 11: gyro bias as an attitude solution finds it, daily means."""
+    """Draw Figure 11: daily means of the gyro bias as an attitude solution finds it."""
     parts = {forward: daily[daily["forward"] == forward] for forward in FORWARD_COLOURS}
     panels = []
     for axis, name in GYRO_AXES.items():
@@ -147,13 +148,13 @@ CALENDAR_WORDS = "dotted: yaw maneuvers; solid: uploads"
 
 
 def select_last_orbits(telemetry: pd.DataFrame, orbits: float = SHOWN_ORBITS) -> tuple[pd.DataFrame, float]:
-    """Telemetry of so many orbits at the end, and when they start, s."""
+    """Select the telemetry of the last orbits, and return also its start, s."""
     start = float(telemetry["t_s"].iloc[-1]) - orbits * MissionConfig().orbit.period
     return telemetry[telemetry["t_s"] >= start], start
 
 
 def average_by_day(orbits: pd.DataFrame, uploads: Sequence[float] = ()) -> pd.DataFrame:
-    """Means of an orbit table over each day and orientation, apart before and after each upload (s), in full orbits.
+    """Average an orbit table over each day and orientation, separately before and after each upload (s), in full orbits.
 
     The column day is the middle of the orbits' times, in days.
     """
@@ -167,7 +168,7 @@ def average_by_day(orbits: pd.DataFrame, uploads: Sequence[float] = ()) -> pd.Da
 
 
 def _build_error_lines(rows: pd.DataFrame, axis: str, start: float) -> list[Line]:
-    """An angle on board and true, over minutes from the start."""
+    """Build the lines of an angle on board and true, over minutes from the start."""
     minutes = (rows["t_s"] - start) / 60
     return [
         Line(minutes, rows[f"estimate_{axis}_deg"], "on board", TEAL, "-"),
@@ -176,17 +177,17 @@ def _build_error_lines(rows: pd.DataFrame, axis: str, start: float) -> list[Line
 
 
 def _build_orientation_line(x: pd.Series, y: pd.Series, forward: str, size: float) -> Line:
-    """Points of one direction of flight."""
+    """Build the points of one direction of flight."""
     return Line(x, y, f"{forward.replace('-', '−')} forward", FORWARD_COLOURS[forward], ".", size=size)
 
 
 def _label_last_axis(panels: list[Panel]) -> list[Panel]:
-    """Panels one below the other, with the axis named at the last."""
+    """Label the last of several panels below one another with the time axis."""
     return [*panels[:-1], replace(panels[-1], x="minutes")]
 
 
 def _mark_times(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) -> Panel:
-    """A panel with the times shaded at which something holds."""
+    """Shade the times of a panel at which a condition holds."""
 
     def draw(on: Axes) -> None:
         panel.draw(on)
@@ -197,7 +198,7 @@ def _mark_times(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) 
 
 
 def _add_calendar(panel: Panel, days: float, published: tuple[str, str] | None = None) -> Panel:
-    """A panel over days from launch, with yaw maneuvers, uploads, and the means of a parameter and axis of R Table 3."""
+    """Add yaw maneuvers, uploads, and R Table 3's means of a parameter and axis to a panel over days from launch."""
     config = MissionConfig()
     schedule = build_flight_schedule(config, days)
 
@@ -209,9 +210,9 @@ def _add_calendar(panel: Panel, days: float, published: tuple[str, str] | None =
             on.hlines(mean, start, stop, color=YELLOW, linewidth=2, zorder=3, label="_" if k else "R Table 3")
         if published:
             on.set_ylim(0, None)
-        for at, _ in schedule.uploads:
-            if at < days * DAY:
-                on.axvline(at / DAY, color="0.3", linewidth=1)
+        for upload_s, _ in schedule.uploads:
+            if upload_s < days * DAY:
+                on.axvline(upload_s / DAY, color="0.3", linewidth=1)
         ticks = [convert_to_mission_day(f"{month}T00:00:00+00:00", config) for month in MONTHS]
         on.set_xticks(ticks, [f"{pd.Timestamp(month):%b 1 %Y}" for month in MONTHS])
         on.set_xlim(0, days)

@@ -4,7 +4,7 @@ R Table 3 and Figures 9, 11 and 13 are on board minus ground, and the ground has
 gyro propagation of the epoch attitude from a batch least-squares computation using a full orbit's sensor data", with both sun
 sensors, the Earth sensor and the gyro. Here the same batch, `gyrocal.estimation.batch` with plain weights, is formed of what a
 flight of the Mission Mode loop sent down: raw rates and penetration angles of the loop itself, so that the Earth sensor's
-noise is that which the computer on board used; counts of the sun sensors are made of the true attitude, with noise of their
+noise is the one that the computer on board used; counts of the sun sensors are made of the true attitude, with noise of their
 own, whenever the Sun is in view and not eclipsed. Sun and position are those of the truth.
 
 The ground works with tables of its own: its G, alignment, penetration biases and coefficients. Before December 11 those may
@@ -56,15 +56,15 @@ DEG_H_PER_RAD_S = float(np.rad2deg(3600.0))  # of rad/s
 
 
 class GroundSolution(NamedTuple):
-    """A batch over a stretch of telemetry, beside the attitude on board and the true one."""
+    """A batch over a stretch of telemetry, compared with the attitude on board and the true one."""
 
     onboard_minus_ground: Array  # onboard_minus_ground, ground_minus_true, onboard_minus_true: (n, 3) roll, pitch, yaw, rad
     ground_minus_true: Array
     onboard_minus_true: Array
-    bias: Array  # (3,) that the batch found, rad/s
+    bias: Array  # (3,) estimated by the batch, rad/s
 
     def row(self) -> dict[str, float]:
-        """RMS of each difference, deg, and the bias, deg/h."""
+        """Return the RMS of each difference, deg, and the bias, deg/h."""
         out: dict[str, float] = {}
         for name, angles in zip(self._fields[:3], self[:3], strict=True):
             rms = np.rad2deg(np.sqrt(np.mean(angles**2, axis=0)))
@@ -75,7 +75,7 @@ class GroundSolution(NamedTuple):
 
 
 class GroundData(NamedTuple):
-    """What the ground has of a stretch of telemetry, and the truth beside it."""
+    """Data of a stretch of telemetry on the ground, and the true attitudes."""
 
     series: list[SensorSeries]  # series, gyro: for the batch
     gyro: GyroStream
@@ -95,23 +95,23 @@ def collect_ground_data(
         t[:-1], np.deg2rad(_select_columns(telemetry, "raw_{}_deg_s", "xyz")[1:]), cycle, config.gyro.arw, tables.G
     )
     rows = telemetry.iloc[:: max(1, round(MEASUREMENT_SPACING_S / cycle))]
-    at = rows["t_s"].to_numpy(dtype=float)
+    times = rows["t_s"].to_numpy(dtype=float)
     yaw = 0.0 if config.forward == "+x" else np.pi
-    C = compute_commanded_attitude(config.orbit, at, yaw, config.ephemeris.node, config.ephemeris.inclination)
+    C = compute_commanded_attitude(config.orbit, times, yaw, config.ephemeris.node, config.ephemeris.inclination)
     true, onboard = (
-        rotation_matrix(-np.deg2rad(_select_columns(rows, f"{what}_{{}}_deg", ROTATION_NAMES))) @ C
-        for what in ("error", "estimate")
+        rotation_matrix(-np.deg2rad(_select_columns(rows, f"{kind}_{{}}_deg", ROTATION_NAMES))) @ C
+        for kind in ("error", "estimate")
     )
-    sun = compute_sun_vector(compute_julian_date(config.epoch) + at / DAY)
-    return GroundData(_build_sensor_series(config, rows, at, true, sun, tables, rng), gyro, at, true, onboard)
+    sun = compute_sun_vector(compute_julian_date(config.epoch) + times / DAY)
+    return GroundData(_build_sensor_series(config, rows, times, true, sun, tables, rng), gyro, times, true, onboard)
 
 
 def solve_ground_attitude(
     config: MissionConfig, telemetry: pd.DataFrame, tables: OnBoardTables, rng: np.random.Generator
 ) -> GroundSolution:
-    """The ground's batch over telemetry of every cycle, without a yaw maneuver in it.
+    """Solve the ground's batch over telemetry of every cycle, without a yaw maneuver in it.
 
-    A `ValueError` if the telemetry skips cycles.
+    Raises `ValueError` if the telemetry skips cycles.
 
     Parameters
     ----------
@@ -121,33 +121,34 @@ def solve_ground_attitude(
     rng : of the sun sensors' noise
     """
     data = collect_ground_data(config, telemetry, tables, rng)
-    found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
-    # Propagated here, since with the attitudes the batch would compute the covariance of all of them, for half of its time.
-    path = build_gyro_arc(data.gyro, data.t_s, tables.G)
-    attitudes = path.propagate_nodes(found.bias)[0][path.find_nodes(data.t_s)] @ found.attitude
+    solution = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
+    # Propagated here: if the batch returned attitudes it would also compute all their covariances, which takes half its time.
+    arc = build_gyro_arc(data.gyro, data.t_s, tables.G)
+    attitudes = arc.propagate_nodes(solution.bias)[0][arc.find_nodes(data.t_s)] @ solution.attitude
     differences = residual(data.onboard, attitudes), residual(attitudes, data.true), residual(data.onboard, data.true)
-    return GroundSolution(*differences, found.bias)
+    return GroundSolution(*differences, solution.bias)
 
 
 def _select_columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> Array:
+    """Select the columns of a pattern filled with names, (rows, names)."""
     return table[[pattern.format(name) for name in names]].to_numpy(dtype=float)
 
 
 def _build_sensor_series(
     config: MissionConfig, rows: pd.DataFrame, t: Array, A: Array, sun: Array, tables: OnBoardTables, rng: np.random.Generator
 ) -> list[SensorSeries]:
-    """The Earth sensor's angles as flown, and both sun sensors' at the true attitudes A, as the ground's tables read them."""
+    """Build the Earth sensor's series as flown and the sun sensors' at the true attitudes A, read by the ground's tables."""
     position = compute_orbit_position(config.orbit, t)
     lit = ~is_eclipsed(position, sun)
     horizon = config.earth_sensor.horizon
     earth = EarthSensor(tables.penetration_biases, horizon.co2_height, horizon.altitude, config.earth_sensor.sigma)
-    whole = (rows["quadrants"] == QUADRANTS).to_numpy()
-    sigma = np.where(whole, earth.sigma, np.inf)[:, None] * np.ones(QUADRANTS)
+    has_all_quadrants = (rows["quadrants"] == QUADRANTS).to_numpy()
+    sigma = np.where(has_all_quadrants, earth.sigma, np.inf)[:, None] * np.ones(QUADRANTS)
     angles = np.deg2rad(_select_columns(rows, "angle_{}_deg", map(str, range(1, QUADRANTS + 1))))
-    out = [SensorSeries(EarthModel(earth, position), t, angles, sigma)]
+    series = [SensorSeries(EarthModel(earth, position), t, angles, sigma)]
     for k, sensor in enumerate(config.sun_sensors):
         counts, visible = observe(rng, sensor, A, sun)
-        read = SunSensor(
+        ground_sensor = SunSensor(
             sensor.name,
             build_trmm_alignments(*config.boresights)[k],
             tables.misalignments[k],
@@ -155,8 +156,8 @@ def _build_sensor_series(
             tables.coefficients_beta[k],
         )
         if (visible & lit).any():
-            out.append(read.series(t, counts, sun, visible & lit))
-    return out
+            series.append(ground_sensor.series(t, counts, sun, visible & lit))
+    return series
 
 
 EARLY_DEG = (8.0, 12.0)  # sun angles of the alignment
@@ -169,10 +170,11 @@ def compare_alignment(entropy: int = 1998) -> pd.DataFrame:
     base = MissionConfig(mounting="heads", sun_sensors=build_mounted_sensors("heads"))
     base = replace(base, earth_sensor=replace(base.earth_sensor, biases=np.zeros(4)))
     aligned = [align_one_orbit(base, angle, entropy, k) for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS))]
-    found = np.mean([Rotation.from_matrix(one.misalignment["DSS-2"]).as_rotvec(degrees=True) for one in aligned], axis=0)
+    vectors = [Rotation.from_matrix(result.misalignment["DSS-2"]).as_rotvec(degrees=True) for result in aligned]
+    estimated = np.mean(vectors, axis=0)
     U, _, V = np.linalg.svd(R3_M)  # the printed matrix is rounded: the rotation nearest to it
     published = Rotation.from_matrix(U @ V).as_rotvec(degrees=True)
-    return pd.DataFrame({"what": [f"m_{axis} of DSS-2 (deg)" for axis in "xyz"], "found": found, "R": published})
+    return pd.DataFrame({"what": [f"m_{axis} of DSS-2 (deg)" for axis in "xyz"], "found": estimated, "R": published})
 
 
 def align_one_orbit(base: MissionConfig, sun_angle_deg: float, entropy: int, number: int) -> AlignmentResult:
@@ -188,7 +190,7 @@ def align_one_orbit(base: MissionConfig, sun_angle_deg: float, entropy: int, num
 
 
 def find_day_by_sun(base: MissionConfig, angle_deg: float, period: tuple[str, str]) -> float:
-    """Day of a period whose sun angle is nearest to one."""
+    """Find the day of a period whose sun angle is nearest to an angle."""
     start, stop = (convert_to_mission_day(moment, base) for moment in period)
     days = np.arange(start + 0.5, stop - 0.5, 0.05)
     angle = np.abs(np.rad2deg(compute_sun_angle(base.epoch, base.orbit, days * DAY)))

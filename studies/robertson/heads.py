@@ -1,20 +1,19 @@
-"""The story of R at the level of the sensors: a misalignment of DSS-2 that was a head not at right angles.
+"""R's sun sensors: a head that is not at right angles was mistaken for a misalignment of DSS-2.
 
-TRMM's yaw updates were too large after launch. The alignment calibration, which knows orthogonal matrices only, gave DSS-2 the
-matrix R (3); what it left was traced to alignment records by which the β heads of both sensors were not at right angles to the
-α heads. Here months are simulated with those heads, and with the misalignment and biases of which an orthogonal fit, heads and
-all, finds R (3) and R's penetration biases; R (3) itself is what such a fit found, not how DSS-2 sat. A diagnosis whose M0 has
-none of them is asked what is wrong:
+TRMM's yaw updates were too large after launch. The alignment calibration, which uses orthogonal matrices only, gave DSS-2 the
+matrix R (3). The remaining error was traced to alignment records: the β heads of both sensors were not at right angles to the
+α heads. R (3) is the result of an orthogonal fit, not the true mounting. The simulated months therefore have R's heads, and the
+misalignment and biases for which an orthogonal fit gives R (3) and R's penetration biases. A diagnosis whose M0 has none of
+these effects is computed, with three results:
 
-(a) how large the gap is under M0;
-(b) what an orthogonal misalignment with penetration biases, the calibration of the first upload, leaves of it on days it was
-    not fitted to, and how much less likely it makes the data than an explanation with the heads;
-(c) what the diagnosis names, how often rightly, and what is left on held-out days.
+(a) the misfit under M0;
+(b) the misfit that an orthogonal misalignment with penetration biases, the calibration of the first upload, leaves on days it
+    was not fitted to, and its evidence against an explanation with the heads;
+(c) the causes that the diagnosis names, how often they are right, and the misfit left on held-out days.
 
-Beside it, truths of the heads alone, whose DSS-2 looks misaligned to an orthogonal matrix; of the misalignment alone, which is
-then to be named; of each other effect of the sensors; of two discrepancies that are on no list, an α head of DSS-2 whose
-transfer function has another scale and an Earth sensor with more noise than stated; and of nominal sensors, where nothing may
-be named.
+Further truths: the heads alone, for which an orthogonal matrix gives DSS-2 a misalignment; the misalignment alone, which must
+then be named; each other effect of the sensors; two effects outside the library, an α head of DSS-2 whose transfer function has
+another scale and an Earth sensor with more noise than stated; and nominal sensors, for which nothing may be named.
 
 The floor is 1 to half a percent: the sun sensors' sigma of 0.0056 deg is a round figure for 0.005 deg of noise and a count's
 quantisation, of 0.00554 deg together.
@@ -57,10 +56,10 @@ ALIGNMENT = (
     "dss_misalignment=0.22475,m_x_deg=-0.15648,m_y_deg=-0.11411,m_z_deg=0.11402",
     "esa_bias=0.19681,bias_1_deg=-0.1574,bias_2_deg=0.04635,bias_3_deg=-0.09414,bias_4_deg=-0.05382",
 )
-ORTHOGONAL = list_solved_for(tuple(SENSOR_EFFECTS.values()))  # what the calibration of the first upload solved for
+ORTHOGONAL = list_solved_for(tuple(SENSOR_EFFECTS.values()))  # parameters of the first upload's calibration
 HEAD_NEWTON_STEPS = 3  # steps; the second leaves 1e-5 deg
 STORY: Mapping[str, tuple[str, ...]] = {
-    "R": TRUE_HEAD_EFFECTS,  # and what `solve_further_truth` finds
+    "R": TRUE_HEAD_EFFECTS,  # and the results of `solve_further_truth`
     "heads": TRUE_HEAD_EFFECTS,
     "misalignment": ALIGNMENT[:1],
     "nominal": (),
@@ -86,6 +85,7 @@ class StoryConfig(StudyConfig):
 
 
 def _scale_alpha_counts(suite: SensorSuite) -> SensorSuite:
+    """Scale the transfer function of the α head of DSS-2."""
     first, second = suite.sun_sensors
     coefficients = second.coefficients_alpha * np.array([1 + SCALE, 1 + SCALE, *np.ones(7)])
     return replace(suite, sun_sensors=(first, replace(second, coefficients_alpha=coefficients)))
@@ -104,25 +104,26 @@ TRUTHS = (*STORY, *OTHER_EFFECT_SETS, *UNLISTED_CHANGES)
 
 
 def list_true_settings(truth: str, scenario: Scenario) -> tuple[Setting, ...]:
-    """Effects of a truth; none if it is nominal or on no list."""
+    """List the listed effects of a truth; none if it is nominal or outside the library."""
     stated = tuple(parse(text) for text in {**STORY, **OTHER_EFFECT_SETS}.get(truth, ()))
     return (*stated, *solve_further_truth(scenario)) if truth == "R" else stated
 
 
 @lru_cache(maxsize=2)
 def solve_further_truth(scenario: Scenario) -> tuple[Setting, ...]:
-    """Misalignment and biases of which, with R's heads, an orthogonal fit of a scenario finds R (3) and R's biases.
+    """Solve for the misalignment and biases that an orthogonal fit, with R's heads present, estimates as R's values.
 
-    The heads alone already look like a misalignment, so that R (3) put on top of them is found as something else. The fit is
-    nearly linear in what is there: x ← x + (wanted − found), from x = wanted, on tables without noise.
+    The heads alone already look like a misalignment, so that a fit does not give R (3) if R (3) is added to them. The fit is
+    nearly linear in the true amplitudes x: x ← x + (wanted − fitted), from x = wanted, on tables without noise.
     """
-    wanted = [(parse(text), compute_sensor_amplitudes(parse(text))) for text in ALIGNMENT]
-    put = [amplitudes for _, amplitudes in wanted]
+    settings = [parse(text) for text in ALIGNMENT]
+    wanted = true_amplitudes = [compute_sensor_amplitudes(setting) for setting in settings]
     for _ in range(HEAD_NEWTON_STEPS):
-        there = [_replace_amplitudes(one, x) for (one, _), x in zip(wanted, put, strict=True)]
-        found = fit_orthogonal_calibration(scenario, [*map(parse, TRUE_HEAD_EFFECTS), *there])
-        put = [x + goal - found[one.effect] for x, (one, goal) in zip(put, wanted, strict=True)]
-    return tuple(_replace_amplitudes(one, x) for (one, _), x in zip(wanted, put, strict=True))
+        effects = map(_replace_amplitudes, settings, true_amplitudes)
+        fitted = fit_orthogonal_calibration(scenario, [*map(parse, TRUE_HEAD_EFFECTS), *effects])
+        estimates = [fitted[setting.effect] for setting in settings]
+        true_amplitudes = [x + goal - estimate for x, goal, estimate in zip(true_amplitudes, wanted, estimates, strict=True)]
+    return tuple(map(_replace_amplitudes, settings, true_amplitudes))
 
 
 def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, Array]:
@@ -133,29 +134,29 @@ def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -
     fits, _, _ = fit_arcs(arcs)
     solved = tuple(SENSOR_EFFECTS[name] for name in ORTHOGONAL)
     model = build_sensor_model(build_tables(fits, solved), solved, DEFAULT)
-    for _ in range(2):  # about what the first found
+    for _ in range(2):  # the second time linearised about the first fit
         best = Search(model).find_explanation(ORTHOGONAL)
         assert best is not None
         fitted = fit(model, best.members)
-        held = {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fitted}
-        again = relinearise_tables(fits, solved, held, DEFAULT)
-        model = again if again is not None else model
-    return {one.effect: one.amplitudes for one in fitted}
+        held = {effect.label: HeldAmplitudes(effect.amplitudes, effect.parameters) for effect in fitted}
+        relinearised = relinearise_tables(fits, solved, held, DEFAULT)
+        model = relinearised if relinearised is not None else model
+    return {effect.effect: effect.amplitudes for effect in fitted}
 
 
 def compute_sensor_amplitudes(setting: Setting) -> Array:
-    """The linear amplitudes of an effect on the sensors."""
+    """Compute the linear amplitudes of an effect on the sensors."""
     return SENSOR_EFFECTS[setting.effect].amplitudes(setting)
 
 
 def _replace_amplitudes(like: Setting, amplitudes: Array) -> Setting:
-    """The same effect with other amplitudes."""
+    """Return the same effect with other amplitudes."""
     size, parameters = SENSOR_EFFECTS[like.effect].from_amplitudes(amplitudes)
     return replace(like, size=size, parameters=parameters)
 
 
 def record_truth(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
-    """The recording of one case under a truth; noise is the same under all of them."""
+    """Simulate the recording of one case under a truth; noise is the same under all of them."""
     scenario = dispersed(config, case)
     motion = simulate_case_motion(scenario)
     gyro_rng, reference_rng = streams.generator("gyro_noise"), streams.generator("reference_noise")
@@ -169,55 +170,56 @@ def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row
     base = load_base_scenario(config)
     rows = []
     for truth in TRUTHS:
-        seen = explain_tables(record_truth(config, number, streams, truth), LISTED_SENSOR_EFFECTS, seed=number)
-        rows.append(_build_truth_row(truth, list_true_settings(truth, base), seen))
+        explained = explain_tables(record_truth(config, number, streams, truth), LISTED_SENSOR_EFFECTS, seed=number)
+        rows.append(_build_truth_row(truth, list_true_settings(truth, base), explained))
     return rows
 
 
-def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
+def _build_truth_row(truth: str, effects: Sequence[Setting], explained: ExplainedTables) -> dict[str, object]:
+    """Build the row of a diagnosis under a truth: verdict, misfits, evidence, and fitted amplitudes with sigmas."""
     true = {setting.label() for setting in effects}
-    found = seen.found
-    attribution = found.attribution
-    named = {one.label for one in found.fitted}
-    without = Search(seen.scaled_model).find_explanation(ORTHOGONAL)
-    assert without is not None
-    orthogonal = compute_closure(seen.scaled_model, without.members)
-    assert orthogonal is not None
-    after = found.closed.after if found.closed is not None else orthogonal.before
+    inference = explained.found
+    attribution = inference.attribution
+    named = {effect.label for effect in inference.fitted}
+    orthogonal_explanation = Search(explained.scaled_model).find_explanation(ORTHOGONAL)
+    assert orthogonal_explanation is not None
+    orthogonal_closure = compute_closure(explained.scaled_model, orthogonal_explanation.members)
+    assert orthogonal_closure is not None
+    after = inference.closed.after if inference.closed is not None else orthogonal_closure.before
     best = attribution.best if attribution is not None else None
-    said, _ = decide_sensor_verdict(seen)
+    verdict, _ = decide_sensor_verdict(explained)
     row: dict[str, object] = {
         "truth": truth,
-        "verdict": said,
+        "verdict": verdict,
         "named": " + ".join(sorted(named)),
-        "right": named == true and said == ("unknown" if truth in UNLISTED_CHANGES else "named" if true else "none"),
+        "right": named == true and verdict == ("unknown" if truth in UNLISTED_CHANGES else "named" if true else "none"),
         "wrong": len(named - true),
         "probability": min((slot.probability for slot in attribution.slots), default=np.nan) if attribution else np.nan,
-        "p_value": found.p_value,
-        "dof": seen.linear.dof,
-        "before": orthogonal.before,
-        "orthogonal": orthogonal.after,
+        "p_value": inference.p_value,
+        "dof": explained.linear.dof,
+        "before": orthogonal_closure.before,
+        "orthogonal": orthogonal_closure.after,
         "after": after,
-        "orthogonal_p": float(chi2.sf(orthogonal.after * seen.linear.dof, seen.linear.dof)),
-        "after_p": float(chi2.sf(after * seen.linear.dof, seen.linear.dof)),
-        "log_ratio": best.log_evidence - without.log_evidence if best is not None else np.nan,
+        "orthogonal_p": float(chi2.sf(orthogonal_closure.after * explained.linear.dof, explained.linear.dof)),
+        "after_p": float(chi2.sf(after * explained.linear.dof, explained.linear.dof)),
+        "log_ratio": best.log_evidence - orthogonal_explanation.log_evidence if best is not None else np.nan,
     }
-    for one in found.fitted:
-        row |= _list_amplitudes(one.label, one)
-    for one in fit(seen.scaled_model, without.members):
-        row |= _list_amplitudes(f"orthogonal {one.label}", one)
+    for effect in inference.fitted:
+        row |= _list_amplitudes(effect.label, effect)
+    for effect in fit(explained.scaled_model, orthogonal_explanation.members):
+        row |= _list_amplitudes(f"orthogonal {effect.label}", effect)
     return row
 
 
-def _list_amplitudes(label: str, one: FittedEffect) -> dict[str, object]:
-    pairs = enumerate(zip(one.amplitudes, one.sigmas, strict=True))
-    return {
-        f"{label} {k} {name}": float(value) for k, pair in pairs for name, value in zip(("found", "sigma"), pair, strict=True)
-    }
+def _list_amplitudes(label: str, effect: FittedEffect) -> dict[str, object]:
+    row: dict[str, object] = {}
+    for k, (amplitude, sigma) in enumerate(zip(effect.amplitudes, effect.sigmas, strict=True)):
+        row |= {f"{label} {k} found": float(amplitude), f"{label} {k} sigma": float(sigma)}
+    return row
 
 
 def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
-    """Checks, tables and figures."""
+    """Build checks and tables."""
     tables = {
         "verdicts": Table("What is named", count_verdicts(rows)),
         "gaps": Table("Held-out mean square of the residuals in sigmas; 1 is the floor", average_gaps(rows)),
@@ -226,40 +228,40 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
 
 
 def count_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Counts of verdicts by truth."""
+    """Count the verdicts by truth."""
 
-    def line(own: pd.DataFrame) -> dict[str, object]:
+    def line(cases: pd.DataFrame) -> dict[str, object]:
         verdicts = {"group": "group", "unknown": "unknown", "no gap": "none"}
-        with_heads = own["truth"].iloc[0] in ("R", "heads")
+        with_heads = cases["truth"].iloc[0] in ("R", "heads")
         return {
-            "cases": len(own),
-            "all named, and nothing else": int(own["right"].sum()),
-            "a wrong name": int((own["wrong"] > 0).sum()),
-            **{name: int((own["verdict"] == verdict).sum()) for name, verdict in verdicts.items()},
-            "least probability": own["probability"].min(),
-            "evidence against orthogonal, least ln B": own["log_ratio"].min() if with_heads else np.nan,
+            "cases": len(cases),
+            "all named, and nothing else": int(cases["right"].sum()),
+            "a wrong name": int((cases["wrong"] > 0).sum()),
+            **{name: int((cases["verdict"] == verdict).sum()) for name, verdict in verdicts.items()},
+            "least probability": cases["probability"].min(),
+            "evidence against orthogonal, least ln B": cases["log_ratio"].min() if with_heads else np.nan,
         }
 
     return summarise_groups(rows, ["truth"], line)
 
 
 def average_gaps(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over the cases of the gap on held-out days, and what a case scatters by."""
+    """Average the misfit on held-out days over the cases, with the scatter of a case."""
 
-    def line(own: pd.DataFrame) -> dict[str, object]:
+    def line(cases: pd.DataFrame) -> dict[str, object]:
         return {
-            **{label: own[name].mean() for name, label in LABELS.items()},
+            **{label: cases[name].mean() for name, label in LABELS.items()},
             "floor": 1.0,
-            "one sigma of a case": float(np.sqrt(2 / own["dof"].mean())),
-            "orthogonal: largest p": own["orthogonal_p"].max(),
-            "named: least p": own["after_p"].min(),
+            "one sigma of a case": float(np.sqrt(2 / cases["dof"].mean())),
+            "orthogonal: largest p": cases["orthogonal_p"].max(),
+            "named: least p": cases["after_p"].min(),
         }
 
     return summarise_groups(rows, ["truth"], line)
 
 
 def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
-    """Build the checks of the study beside its tables."""
+    """Build the checks of the study."""
     groups = {
         "R's heads, misalignment and biases": ["R"],
         "turned heads alone": ["heads"],
@@ -269,19 +271,18 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     }
     heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
     shares = {name: float(rows.loc[rows["truth"].isin(truths), "right"].mean()) for name, truths in groups.items()}
-    misled = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
-    ours = rows[rows["truth"] == "R"]
-    off = [
-        ours[f"orthogonal {one.effect} {k} found"].mean() - value
-        for one in map(parse, ALIGNMENT if len(ours) else ())
-        for k, value in enumerate(compute_sensor_amplitudes(one))
+    apparent_deg = float(np.linalg.norm([heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]))
+    r_cases = rows[rows["truth"] == "R"]
+    differences = [
+        r_cases[f"orthogonal {setting.effect} {k} found"].mean() - value
+        for setting in map(parse, ALIGNMENT if len(r_cases) else ())
+        for k, value in enumerate(compute_sensor_amplitudes(setting))
     ]
+    difference_deg = np.abs(differences).max(initial=0.0)
     return (
         *(Check(f"share of right answers, {name}", share, meaning=CORRECT_ANSWER_NOTE) for name, share in shares.items()),
-        Check("misalignment that an orthogonal calibration makes of heads alone", float(np.linalg.norm(misled)), unit="deg"),
-        Check(
-            "what it makes of R's truth, less R (3) and R's biases", np.abs(off).max(initial=0.0), bound_above(0.005), "deg", R3
-        ),
+        Check("misalignment that an orthogonal calibration makes of heads alone", apparent_deg, unit="deg"),
+        Check("what it makes of R's truth, less R (3) and R's biases", difference_deg, bound_above(0.005), "deg", R3),
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
         Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), bound_above(0), f"of {len(rows)}"),
     )

@@ -32,35 +32,35 @@ GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
 
 
 def select_period(table: pd.DataFrame, period: str) -> pd.DataFrame:
-    """Rows of a table with t_s that are in one of R Table 3's periods."""
+    """Select the rows of a table with t_s that are in one of R Table 3's periods."""
     start, stop = (convert_to_mission_day(moment, MissionConfig()) * DAY for moment in FIRST_DAYS[period])
     return table[table["t_s"].between(start, stop, inclusive="left")]
 
 
 def select_full_orbits(orbits: pd.DataFrame) -> pd.DataFrame:
-    """Orbits in normal pointing throughout; R's differences are each "over at least a full orbit"."""
+    """Select orbits in normal pointing throughout; R's differences are each "over at least a full orbit"."""
     return orbits[(orbits["samples"] > 0) & (orbits["lost"] == 0)]
 
 
 def compute_performance(run: MissionRun, period: str) -> dict[tuple[str, str], float]:
-    """The numbers of R Table 3 in a period, by parameter and axis: accuracy and updates in deg, bias scatter in deg/h."""
+    """Compute R Table 3 in a period, by parameter and axis: accuracy and updates in deg, bias scatter in deg/h."""
     orbits = select_full_orbits(select_period(run.orbits, period))
-    found = {("attitude_accuracy_deg", axis): orbits[f"rms_knowledge_{axis}_deg"].mean() for axis in ROTATION_NAMES}
-    found["yaw_update_deg", "yaw"] = select_period(run.updates, period)["update_deg"].abs().mean()
+    numbers = {("attitude_accuracy_deg", axis): orbits[f"rms_knowledge_{axis}_deg"].mean() for axis in ROTATION_NAMES}
+    numbers["yaw_update_deg", "yaw"] = select_period(run.updates, period)["update_deg"].abs().mean()
     if period != "precalibration":
-        found |= {
+        numbers |= {
             ("gyro_bias_std_deg_h", axis): orbits[f"apparent_bias_{name}_deg_h"].std() for axis, name in GYRO_AXES.items()
         }
-    return found
+    return numbers
 
 
 def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
+    """Build R Table 3, a row a number: flight, the seeds' mean, lowest and highest, and simulated minus flown."""
     rows = []
     for period in PERIODS:
-        found = [compute_performance(run, period) for run in runs]
-        for parameter, axis in found[0]:
-            values = [one[parameter, axis] for one in found]
+        by_seed = [compute_performance(run, period) for run in runs]
+        for parameter, axis in by_seed[0]:
+            values = [numbers[parameter, axis] for numbers in by_seed]
             flight = published_tables.read_published_performance(parameter, axis, period)
             rows.append((parameter, axis, period, flight, float(np.mean(values)), min(values), max(values)))
     names = ["parameter", "axis", "period", "flight", "simulated", "lowest", "highest"]
@@ -71,7 +71,7 @@ def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
 
 
 def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """R Table 1 in each period and axis: three times the RMS over all orbits in normal pointing."""
+    """Build R Table 1 in each period and axis: three times the RMS over all orbits in normal pointing."""
     rows = []
     columns = {"knowledge": "rms_knowledge", "pointing": "rms_error", "stability": "jitter"}
     for period in PERIODS:
@@ -81,26 +81,26 @@ def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
             limit = published_tables.read_requirement(name)
             for axis in ROTATION_NAMES:
                 values, weights = orbits[f"{column}_{axis}_deg"].to_numpy(), orbits["samples"].to_numpy()
-                together = np.nan
+                value = np.nan
                 if len(values):
                     rms = np.sqrt(weights @ values**2 / weights.sum())
-                    together = float(values.max() if name == "stability" else 3 * rms)
+                    value = float(values.max() if name == "stability" else 3 * rms)
                 rows.append(
                     {
                         "period": period,
                         "requirement": name,
                         "axis": axis,
                         "limit_deg": limit,
-                        "simulated_deg": together,
-                        # Stability says nothing without a source of jitter; NaN where nothing was flown is not met either.
-                        "met": None if name == "stability" else bool(together < limit),
+                        "simulated_deg": value,
+                        # Stability is not tested without a source of jitter; NaN, without a flight, is not met either.
+                        "met": None if name == "stability" else bool(value < limit),
                     }
                 )
     return pd.DataFrame(rows)
 
 
 def compare_orientations(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """Yaw accuracy and updates of each period, flying +x and −x forward."""
+    """Compare yaw accuracy and updates of each period between +x and −x forward."""
     rows = []
     for period in PERIODS:
         orbits = pd.concat([select_full_orbits(select_period(run.orbits, period)) for run in runs])
@@ -119,7 +119,7 @@ def compare_orientations(runs: Sequence[MissionRun]) -> pd.DataFrame:
 
 
 def compare_maneuver_dates(days: float) -> pd.DataFrame:
-    """When the simulated spacecraft turns, and how far that is from the maneuvers whose dates are published."""
+    """Compare the simulated maneuver dates with the nearest published ones."""
     base = MissionConfig()
     schedule = build_flight_schedule(base, days)
     published = published_tables.read_maneuver_dates()
@@ -128,16 +128,16 @@ def compare_maneuver_dates(days: float) -> pd.DataFrame:
     for maneuver in schedule.maneuvers:
         moment = pd.Timestamp(base.epoch) + pd.Timedelta(seconds=maneuver.start_s + 0.5 * maneuver.duration_s)
         forward = "-x" if forward == "+x" else "+x"
-        apart = (moment - published["date_utc"]).dt.total_seconds() / DAY
-        nearest = int(apart.abs().argmin())
-        near = abs(apart[nearest]) < 5.0
+        differences = (moment - published["date_utc"]).dt.total_seconds() / DAY
+        nearest = int(differences.abs().argmin())
+        is_near = abs(differences[nearest]) < 5.0
         rows.append(
             {
                 "simulated_utc": f"{moment:%Y-%m-%d %H:%M}",
                 "forward_after": forward,
-                "flight": published["source"][nearest] if near else "",
-                "flight_utc": f"{published['date_utc'][nearest]:%Y-%m-%d}" if near else "",
-                "simulated_minus_flight_days": float(apart[nearest]) if near else np.nan,
+                "flight": published["source"][nearest] if is_near else "",
+                "flight_utc": f"{published['date_utc'][nearest]:%Y-%m-%d}" if is_near else "",
+                "simulated_minus_flight_days": float(differences[nearest]) if is_near else np.nan,
             }
         )
     return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])
@@ -147,7 +147,7 @@ USED_G = {"calibration1": PRELAUNCH_G, "postcalibration": R9_G}
 
 
 def compute_solved_bias(G: Array, forward: str) -> Array:
-    """b' at ∓1 RPO about y, flying +x or −x forward, with G in the solution; (3,) rad/s."""
+    """Compute b' (3,) at ∓1 RPO about y, flying +x or −x forward, with G in the solution; rad/s."""
     orbit = MissionConfig().orbit
     rate = orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination)
     omega = np.array([0.0, -rate if forward == "+x" else rate, 0.0])
@@ -155,7 +155,7 @@ def compute_solved_bias(G: Array, forward: str) -> Array:
 
 
 def build_apparent_bias_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """Mean bias seen in each orientation before and after the gyro's upload, its standard error, and the formula; deg/h."""
+    """Build the mean bias by orientation before and after the gyro's upload, its standard error, and R (8); deg/h."""
     rows = []
     for period, G in USED_G.items():
         orbits = pd.concat([select_full_orbits(select_period(run.orbits, period)) for run in runs])
@@ -167,8 +167,8 @@ def build_apparent_bias_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
                 errors[k] = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
                 formula[k] = compute_solved_bias(G, forward)["xyz".index(axis)] * DEG_H_PER_RAD_S
                 rows.append((period, axis, forward, means[k], errors[k], formula[k]))
-            spread = np.hypot(errors[0], errors[1])
-            rows.append((period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
+            difference_error = np.hypot(errors[0], errors[1])
+            rows.append((period, axis, "-x minus +x", means[1] - means[0], difference_error, formula[1] - formula[0]))
     names = ["period", "axis", "forward", "simulated_deg_h", "standard_error_deg_h", "formula_deg_h"]
     table = pd.DataFrame(rows, columns=names)
     return table.assign(simulated_minus_formula_deg_h=table["simulated_deg_h"] - table["formula_deg_h"])
@@ -178,25 +178,25 @@ R_PHASE = {"calibration1": "precalibration", "postcalibration": "postcalibration
 
 
 def collect_slew_misses(runs: Runs) -> pd.DataFrame:
-    """A row a slew and seed: maneuver, tables, propagated minus true (deg), the yaw bias on board at its start (deg/h)."""
+    """Collect a row a slew and seed: maneuver, tables, propagated minus true (deg), yaw bias on board (deg/h)."""
     rows = []
     for name, run in runs.items():
         if name[0] == "slew":
             slew = run.slews.iloc[0]
             miss = {f"{axis}_deg": -slew[f"targeting_{axis}_deg"] for axis in ROTATION_NAMES}
-            about = {"maneuver": name[1], "tables": name[2], "seed": int(name[3])}
-            rows.append({**about, **miss, "bias_yaw_deg_h": slew["bias_yaw_deg_h"]})
+            flight = {"maneuver": name[1], "tables": name[2], "seed": int(name[3])}
+            rows.append({**flight, **miss, "bias_yaw_deg_h": slew["bias_yaw_deg_h"]})
     return pd.DataFrame(rows)
 
 
 def build_slew_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """R Table 2: the flight's, the seeds' mean and standard deviation, and the difference."""
+    """Build R Table 2: the flight's, the seeds' mean and standard deviation, and the difference."""
     out = []
     for maneuver in YAW_MANEUVER_TIMES:
         for tables in SLEW_TABLES:
-            chosen = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
+            slews = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
             for axis in ROTATION_NAMES:
-                values = chosen[f"{axis}_deg"].to_numpy()
+                values = slews[f"{axis}_deg"].to_numpy()
                 flight, mean = published_tables.read_published_slew_error(axis, R_PHASE[tables]), float(values.mean())
                 out.append(
                     {
@@ -213,9 +213,9 @@ def build_slew_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def compute_slew_gaps(table: pd.DataFrame) -> dict[str, float]:
-    """RMS of simulated minus flown before calibration, deg, over the three axes, for each maneuver it may have been."""
+    """Compute the RMS over axes of simulated minus flown before calibration, deg, for each candidate maneuver."""
     rows = table[table["tables"] == "calibration1"]
     return {
-        str(maneuver): float(np.sqrt((chosen["simulated_minus_flight_deg"] ** 2).mean()))
-        for maneuver, chosen in rows.groupby("maneuver", sort=False)
+        str(maneuver): float(np.sqrt((maneuver_rows["simulated_minus_flight_deg"] ** 2).mean()))
+        for maneuver, maneuver_rows in rows.groupby("maneuver", sort=False)
     }

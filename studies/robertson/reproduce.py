@@ -47,13 +47,13 @@ MONTHS_NOTE = "Accuracy and update in deg, bias scatter in deg/h. Simulated accu
 
 
 def run(folder: Path, study: MissionStudy, jobs: int, console: Console) -> dict[str, Any]:
-    """Fly everything with so many worker processes, write it to a folder, and return the summary."""
-    made = Reproduction(console, jobs)
-    outcome = made.run(STUDY, study, folder)
+    """Simulate all flights in worker processes, write tables and figures to a folder, and return the summary."""
+    reproduction = Reproduction(console, jobs)
+    outcome = reproduction.run(STUDY, study, folder)
     runs = load_flights(study, outcome.table)
     months = [runs["months", str(k)] for k in range(study.seeds)]
     misses = performance.collect_slew_misses(runs)
-    made.tables = {
+    reproduction.tables = {
         "requirements": performance.build_requirements_table(months),
         "table2": performance.build_slew_table(misses),
         "table3": performance.build_performance_table(months),
@@ -61,27 +61,27 @@ def run(folder: Path, study: MissionStudy, jobs: int, console: Console) -> dict[
         "orientation": performance.compare_orientations(months),
         "yaw_maneuvers": performance.compare_maneuver_dates(study.days),
     }
-    made.summary = summarise_mission(made.tables, runs)
+    reproduction.summary = summarise_mission(reproduction.tables, runs)
     if study.windows:
-        add_flight_comparison(made, load_windows(outcome.table), study.entropy)
-    uploads = [at for at, _ in build_flight_schedule(MissionConfig(), study.days).uploads]
+        add_flight_comparison(reproduction, load_windows(outcome.table), study.entropy)
+    uploads = [time_s for time_s, _ in build_flight_schedule(MissionConfig(), study.days).uploads]
     daily = figures.average_by_day(months[0].orbits, uploads)
-    made.figures = figures.draw_mission_figures(runs, daily, months[0].updates, study.days)
+    reproduction.figures = figures.draw_mission_figures(runs, daily, months[0].updates, study.days)
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
-    made.tables |= {"daily": daily, "slews": misses, "updates": updates}
-    made.summary = round_values(made.summary)
-    flown = f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds."
+    reproduction.tables |= {"daily": daily, "slews": misses, "updates": updates}
+    reproduction.summary = round_values(reproduction.summary)
+    counts = f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds."
     about = {
         "command": "gyrocal reproduce --paper robertson",
         "scenario": asdict(MissionConfig()),
         "seeds": {"entropy": study.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"},
     }
-    head = ["# Mission Mode beside the flight", "", HEAD.strip(), flown, ""]
-    made.publish(outcome, folder, "report.md", head, build_page_tables(made.tables), **about)
-    return made.summary
+    head = ["# Mission Mode beside the flight", "", HEAD.strip(), counts, ""]
+    reproduction.publish(outcome, folder, "report.md", head, build_page_tables(reproduction.tables), **about)
+    return reproduction.summary
 
 
-def add_flight_comparison(made: Reproduction, rows: dict[tuple[str, ...], pd.DataFrame], entropy: int) -> None:
+def add_flight_comparison(reproduction: Reproduction, rows: dict[tuple[str, ...], pd.DataFrame], entropy: int) -> None:
     """Add R's own statistic on the ladder of effects, its diagnosis, the alignment, and the sensors' geometry."""
     calls: list[Any] = [
         partial(ground.compare_alignment, entropy),
@@ -89,30 +89,33 @@ def add_flight_comparison(made: Reproduction, rows: dict[tuple[str, ...], pd.Dat
         partial(diagnosis.diagnose_table3, rows),
         geometry.build_availability_table,
     ]
-    aligned, rungs, found, share = call_all(calls, made.jobs)
-    made.summary |= {"diagnosis": found.summary(), "geometry": geometry.summarise_availability(share)}
-    made.tables |= {
-        "diagnosis_sizes": diagnosis.build_size_table(found),
+    alignment, rungs, performance_diagnosis, availability = call_all(calls, reproduction.jobs)
+    reproduction.summary |= {
+        "diagnosis": performance_diagnosis.summary(),
+        "geometry": geometry.summarise_availability(availability),
+    }
+    reproduction.tables |= {
+        "diagnosis_sizes": diagnosis.build_size_table(performance_diagnosis),
         "ladder": rungs,
         "ladder_numbers": ladder.build_rung_numbers(rows, ladder.read_published_numbers()),
-        "availability": share,
+        "availability": availability,
         "tangents": geometry.compute_alpha_tangents(),
-        "alignment": aligned,
+        "alignment": alignment,
     }
 
 
 def summarise_mission(tables: Mapping[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
-    """Summarise the numbers that the claims need, as plain values; None for what was not flown."""
+    """Summarise the numbers that the claims need, as plain values; None for missing flights."""
     table3, table2, requirements = tables["table3"], tables["table2"], tables["requirements"]
 
-    def periods(parameter: str) -> dict[str, dict[str, float | None]]:
+    def summarise_periods(parameter: str) -> dict[str, dict[str, float | None]]:
         rows = table3.query("parameter == @parameter and axis == 'yaw'").set_index("period")
         return {name: {key: _convert_missing(rows.loc[name, key]) for key in ("simulated", "flight")} for name in PERIODS}
 
     difference = tables["biases"].query("axis == 'z' and forward == '-x minus +x'").set_index("period")
     return {
-        "yaw_update_deg": periods("yaw_update_deg"),
-        "yaw_accuracy_deg": periods("attitude_accuracy_deg"),
+        "yaw_update_deg": summarise_periods("yaw_update_deg"),
+        "yaw_accuracy_deg": summarise_periods("attitude_accuracy_deg"),
         "requirements": {
             period: {
                 name: {
@@ -120,9 +123,9 @@ def summarise_mission(tables: Mapping[str, pd.DataFrame], runs: Runs) -> dict[st
                     "limit_deg": float(rows["limit_deg"].iloc[0]),
                     "met": bool(rows["met"].all()) if rows["met"].notna().all() else None,
                 }
-                for name, rows in chosen.groupby("requirement", sort=False)
+                for name, rows in period_rows.groupby("requirement", sort=False)
             }
-            for period, chosen in requirements.groupby("period", sort=False)
+            for period, period_rows in requirements.groupby("period", sort=False)
         },
         "bias_z_minus_x_less_plus_x_deg_h": {
             period: {key: _convert_missing(row[f"{key}_deg_h"]) for key in ("simulated", "standard_error", "formula")}
@@ -134,17 +137,18 @@ def summarise_mission(tables: Mapping[str, pd.DataFrame], runs: Runs) -> dict[st
 
 
 def _convert_missing(value: Any) -> float | None:
+    """Convert a number, or NaN to None."""
     return None if pd.isna(value) else float(value)
 
 
 def _find_largest_errors(run: MissionRun) -> dict[str, float]:
-    """Largest pitch error, deg, true and as the computer sees it."""
+    """Find the largest pitch error, deg, true and on board."""
     kinds = {"pitch": "error_pitch_deg", "pitch_on_board": "estimate_pitch_deg"}
     return {name: float(run.telemetry[column].abs().max()) for name, column in kinds.items()}
 
 
 def build_page_tables(tables: Mapping[str, pd.DataFrame]) -> list[Table]:
-    """Build R Tables 1 to 3 beside the flight's values from the reproduction's tables."""
+    """Build R Tables 1 to 3 with the flight's values from the reproduction's tables."""
     limits = tables["requirements"]
     names = limits["period"].map(PERIOD_NAMES) + ": " + limits["requirement"] + " " + limits["axis"]
     required = {"number": names, "required": limits["limit_deg"].map("{:g}".format)}
@@ -168,15 +172,15 @@ def build_page_tables(tables: Mapping[str, pd.DataFrame]) -> list[Table]:
 
 
 def _format_table(
-    start: Mapping[str, pd.Series], simulated: pd.Series, known: pd.Series, sigma: pd.Series | None = None
+    start: Mapping[str, pd.Series], simulated: pd.Series, reference: pd.Series, sigma: pd.Series | None = None
 ) -> pd.DataFrame:
-    """Texts of simulated numbers and of their differences to known ones, after the first columns."""
+    """Format simulated numbers and their differences to known ones as texts, after the first columns."""
     format_milli = partial(format_number, digits=3)
     texts = simulated.map(format_milli)
     return pd.DataFrame(
         {
             **start,
             "simulated": texts if sigma is None else texts + " ± " + sigma.map(format_milli),
-            "difference": (simulated - known).map(lambda value: NO_VALUE if pd.isna(value) else f"{value:+.3f}"),
+            "difference": (simulated - reference).map(lambda value: NO_VALUE if pd.isna(value) else f"{value:+.3f}"),
         }
     )

@@ -1,4 +1,4 @@
-"""The flights that the reproduction of R is made of, and flying them side by side.
+"""The flights of the reproduction of R, as cases of a study.
 
 `months`, one a seed: launch to the end of April 1998 with the uploads and yaw maneuvers on their days; telemetry is not kept.
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
@@ -6,7 +6,7 @@
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
 `window`: single orbits through the months with effects, see `studies.robertson.ladder`.
 
-A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
+A flight is a case of a study, so that finished flights are kept if a run is stopped. Its rows are those of its tables.
 """
 
 from dataclasses import replace
@@ -37,7 +37,7 @@ SPIKE_ORBITS = 4.0
 SLEW_ORBITS = ORBITS_TO_SLEW + 0.5
 SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view once an orbit
 SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
-KEPT_TABLES = {  # tables of each kind of flight that are made use of
+KEPT_TABLES = {  # tables of each kind of flight that the reproduction uses
     "months": ("orbits", "updates"),
     "yaw": ("telemetry", "updates"),
     "spikes": ("telemetry",),
@@ -45,7 +45,7 @@ KEPT_TABLES = {  # tables of each kind of flight that are made use of
 }
 
 WINDOW = "window"  # flown for the ladder's sets of effects
-Name = tuple[str, ...]  # of a flight: its kind, and which it is of its kind
+Name = tuple[str, ...]  # of a flight: its kind, and its identifiers within the kind
 Runs = dict[Name, MissionRun]
 
 
@@ -59,11 +59,11 @@ class MissionStudy(GridConfig):
     windows: bool = True  # whether the ladder's windows are flown
 
     def points(self) -> list[Name]:
-        """Name of each flight, the longest first."""
+        """List the name of each flight, the longest first."""
         seeds = map(str, range(self.slews))
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
-        names += [("slew", *which) for which in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
+        names += [("slew", *identifiers) for identifiers in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
         if self.windows:
             windows = [(period, str(k)) for period, count in PERIOD_COUNTS.items() for k in range(count)]
             names += [(WINDOW, str(effects), *window) for effects, window in product(range(len(SETS)), windows)]
@@ -71,7 +71,7 @@ class MissionStudy(GridConfig):
 
 
 def find_spike_day(config: MissionConfig) -> float:
-    """First day after R's alignment upload on which the Sun is SPIKE_SUN_DEG from the orbit plane."""
+    """Find the first day after R's alignment upload on which the Sun is SPIKE_SUN_DEG from the orbit plane."""
     days = np.arange(14.0, 60.0, 0.05)
     angle = np.abs(np.rad2deg(compute_sun_angle(config.epoch, config.orbit, days * DAY)))
     return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
@@ -79,30 +79,30 @@ def find_spike_day(config: MissionConfig) -> float:
 
 def fly_mission(study: MissionStudy, name: Name) -> MissionRun:
     """Fly the flight of a name, of those without effects."""
-    base, seed, (kind, *which) = MissionConfig(), study.entropy, name
+    base, seed, (kind, *identifiers) = MissionConfig(), study.entropy, name
     period, tables = base.orbit.period, build_period_tables()
-    every: int | None = None
+    telemetry_every: int | None = None
     if kind == "months":
         config, seconds = build_flight_schedule(base, study.days), study.days * DAY
-        seed += int(which[0])
+        seed += int(identifiers[0])
     elif kind == "yaw":
-        config = replace(shift_mission_start(base, YAW_DAYS[which[0]]), tables=tables[which[0]])
-        seconds, every = YAW_ORBITS * period, 20
+        config = replace(shift_mission_start(base, YAW_DAYS[identifiers[0]]), tables=tables[identifiers[0]])
+        seconds, telemetry_every = YAW_ORBITS * period, 20
     elif kind == "spikes":
-        s_filter: Filter = which[0]  # type: ignore[assignment]
-        own = replace(tables["postcalibration"], s_filter=s_filter)
-        config = replace(shift_mission_start(base, find_spike_day(base)), tables=own)
-        seconds, every = SPIKE_ORBITS * period, 4
+        s_filter: Filter = identifiers[0]  # type: ignore[assignment]
+        flight_tables = replace(tables["postcalibration"], s_filter=s_filter)
+        config = replace(shift_mission_start(base, find_spike_day(base)), tables=flight_tables)
+        seconds, telemetry_every = SPIKE_ORBITS * period, 4
     else:
-        maneuver, upload, number = which
+        maneuver, upload, number = identifiers
         config, seconds = build_slew_config(base, tables[upload], maneuver), SLEW_ORBITS * period
         seed += int(number)
-    # That it is told of days lets Ctrl-C through between two of them.
-    return simulate_mission(config, seconds=seconds, seed=seed, telemetry_every=every, progress=lambda days: None)
+    # With a progress function the simulation returns to Python once a day, which lets Ctrl-C through.
+    return simulate_mission(config, seconds=seconds, seed=seed, telemetry_every=telemetry_every, progress=lambda days: None)
 
 
 def run_case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
-    """A flight: a row for each row of the tables that are made use of."""
+    """Simulate a flight: a row for each row of its tables that the reproduction uses."""
     name = config.points()[number]
     if name[0] == WINDOW:
         _, effects, period, k = name
@@ -115,7 +115,7 @@ STUDY = Study("studies.robertson.runs:STUDY", MissionStudy, run_case)
 
 
 def load_flights(config: MissionStudy, path: Path) -> Runs:
-    """The flights from the study's table; tables that are not made use of are empty."""
+    """Load the flights from the study's table; tables that are not kept are empty."""
     rows = pq.read_table(path)
     names = ("telemetry", "updates", "slews", "orbits")
     return {
@@ -126,17 +126,17 @@ def load_flights(config: MissionStudy, path: Path) -> Runs:
 
 
 def load_windows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
-    """The windows of each set of effects from the study's table."""
+    """Load the windows of each set of effects from the study's table."""
     rows = _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas()
-    each = sum(PERIOD_COUNTS.values())
-    return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
+    count = sum(PERIOD_COUNTS.values())  # windows of a set; sets follow one another
+    return {effects: rows.iloc[k * count : (k + 1) * count].reset_index(drop=True) for k, effects in enumerate(SETS)}
 
 
 def _select_flight_table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:
-    """One table of one flight; by Arrow, which tells NaN from nothing."""
+    """Select one table of one flight; in Arrow, which distinguishes NaN from a missing value."""
     return _drop_empty_columns(rows.filter((pc.field("case") == number) & (pc.field("table") == name))).to_pandas()
 
 
 def _drop_empty_columns(rows: pa.Table) -> pa.Table:
-    """The columns that hold anything, those of the engine and the table's name left out."""
+    """Drop the empty columns, those of the engine and the table's name."""
     return rows.select([column for column in rows.column_names[3:] if rows[column].null_count < len(rows)])

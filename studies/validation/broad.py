@@ -1,14 +1,15 @@
-"""A trial of BROAD, a MEMS gyro beside an optical reference orientation, as a recording; see docs/validation.md.
+"""A trial of BROAD, a MEMS gyro with an optical reference orientation, as a recording; see docs/validation.md.
 
-The body frame is the sensor's. What stands for the inertial frame is the fixed East-North-Up frame of the cameras, which turns
-with the Earth: up to 0.0042 deg/s that a bias takes up only while the attitude stays. Rates and attitudes keep the file's
-values and time tags; nothing is corrected that a diagnosis might be asked to find.
+The body frame is the sensor's. The inertial frame is replaced by the East-North-Up frame of the cameras, which turns with the
+Earth: up to 0.0042 deg/s, which a bias absorbs only while the attitude is constant. Rates and attitudes keep the file's values
+and time tags; errors that a diagnosis may look for are not corrected.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -44,12 +45,12 @@ PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
 OFFSET_STEP_S = 0.03  # between the orientations whose rates show a time offset
-FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
+FEWEST_INCREMENTS = 12  # for a separate sigma at rest, or in motion
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial as it is on file."""
+    """The contents of a trial's file."""
 
     name: str  # the file's
     sample_s: float  # s between samples; sample k is tagged k sample_s
@@ -76,10 +77,10 @@ class Trial:
     @cached_property
     def still(self) -> Mask:
         """(n,) at rest, and `STILL_S` from any movement."""
-        away = self.samples(STILL_S)
+        margin = self.samples(STILL_S)
         still = np.ones(len(self.moving), dtype=bool)
         for first, stop in self.phases:
-            still[max(first - away, 0) : stop + away] = False
+            still[max(first - margin, 0) : stop + margin] = False
         return still
 
     @property
@@ -88,22 +89,22 @@ class Trial:
         return find_mask_runs(self.still)
 
     def samples(self, duration_s: float) -> int:
-        """Samples in so many seconds, at least one."""
+        """Return the number of samples in so many seconds, at least one."""
         return max(round(duration_s / self.sample_s), 1)
 
 
 @dataclass(frozen=True)
 class ImportedTrial:
-    """A recording and what was estimated for it."""
+    """A recording with its estimated noise."""
 
-    recording: Recording  # the recording
+    recording: Recording
     sigma_rest: Array  # sigma_rest, sigma_motion: (3,) reference 1-sigma per body axis, rad
     sigma_motion: Array
     arw: Array  # (3,) angle random walk per axis, rad/sqrt(s)
     still: Mask  # (references,) whether each was taken at rest
 
     def summary(self) -> pd.DataFrame:
-        """Summary of the import, a row for each quantity, in degrees."""
+        """Summarise the import, a row for each quantity, in degrees."""
 
         def vector(values: Array, digits: int) -> str:
             return ", ".join(f"{value:.{digits}f}" for value in np.rad2deg(values))
@@ -122,20 +123,20 @@ class ImportedTrial:
 
 
 def read(path: Path) -> Trial:
-    """Read a trial; an `InputError` if one line saying what is wrong with the file."""
+    """Read a trial; an `InputError` in one line if the file is not one."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; a BROAD trial is one Parquet file")
     try:
         table = pq.read_table(path)
         metadata = table.schema.metadata or {}
         frame = table.to_pandas()
-    except Exception as fault:  # pyarrow raises a zoo of types for a damaged file
+    except Exception as fault:  # pyarrow raises many types for a damaged file
         raise InputError(f"{path}: cannot be read as Parquet: {' '.join(str(fault).split())}") from None
-    needed = (*IMU_RATE_COLUMNS, *FORCE_COLUMNS, *OPTICAL_QUATERNION_COLUMNS, MOVEMENT_COLUMN)
-    missing = [name for name in needed if name not in frame.columns]
+    required = (*IMU_RATE_COLUMNS, *FORCE_COLUMNS, *OPTICAL_QUATERNION_COLUMNS, MOVEMENT_COLUMN)
+    missing = [name for name in required if name not in frame.columns]
     if missing:
         raise InputError(f"{path}: not a BROAD trial: column {', '.join(missing)} is missing")
-    for name in needed:
+    for name in required:
         as_bool, as_number = pd.api.types.is_bool_dtype(frame[name]), pd.api.types.is_numeric_dtype(frame[name])
         if as_bool != (name == MOVEMENT_COLUMN) or not as_number:  # bool counts as numeric
             raise InputError(f"{path}: column {name} holds {frame[name].dtype}")
@@ -149,93 +150,109 @@ def read(path: Path) -> Trial:
         np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
         for names in (IMU_RATE_COLUMNS, FORCE_COLUMNS, OPTICAL_QUATERNION_COLUMNS)
     )
-    for what, values in (("gyro rate", rates), ("acceleration", force)):
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        if bad.size:
-            raise InputError(f"{path}: {what} in row {bad[0]} is not a finite number ({bad.size} such)")
+    for quantity, values in (("gyro rate", rates), ("acceleration", force)):
+        invalid = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if invalid.size:
+            raise InputError(f"{path}: {quantity} in row {invalid[0]} is not a finite number ({invalid.size} such)")
     norm = np.linalg.norm(quaternions, axis=1)
-    wrong = np.flatnonzero(np.abs(norm - 1) > BROAD_NORM_TOLERANCE)  # False where not tracked
-    if wrong.size:
-        raise InputError(f"{path}: opt_quat in row {wrong[0]} has norm {norm[wrong[0]]:.6g}, not 1 ({wrong.size} such)")
+    not_unit = np.flatnonzero(np.abs(norm - 1) > BROAD_NORM_TOLERANCE)  # False where not tracked
+    if not_unit.size:
+        k = not_unit[0]
+        raise InputError(f"{path}: opt_quat in row {k} has norm {norm[k]:.6g}, not 1 ({not_unit.size} such)")
     # opt_quat takes sensor vectors to ENU: as_matrix() of it is A transposed, and A(q) is that for the same q.
     return Trial(path.stem, 1 / rate_hz, rates, force, quaternions / norm[:, None], frame[MOVEMENT_COLUMN].to_numpy(dtype=bool))
 
 
-def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str, int, int]]:
-    """Name, activity, first and last sample of each interval.
+class TrialInterval(NamedTuple):
+    """An interval of a trial, by its first and last sample."""
+
+    name: str
+    activity: str
+    first: int
+    last: int
+
+
+def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[TrialInterval]:
+    """Cut a trial into intervals.
 
     Parameters
     ----------
     trial : the trial
     intervals : "motion", from the rest before each motion phase into the rest after it, a phase longer than `LONG_S` in
-        touching pieces of at most `PIECE_S` and then with the rests as intervals of their own; "whole", one interval over
-        all; or a length in s, touching intervals of at most that over rest and motion alike
+        touching pieces of at most `PIECE_S` and then with the rests as separate intervals; "whole", one interval over all; or
+        a length in s, touching intervals of at most this length over rest and motion
     """
     tracked = np.flatnonzero(trial.tracked)
     if tracked.size == 0:
         raise InputError(f"{trial.name}: the optical orientation is nowhere tracked")
     first, last = int(tracked[0]), int(tracked[-1])
     if intervals == "whole":
-        return [("whole", "whole trial", first, last)]
-    if intervals != "motion":
-        if isinstance(intervals, str) or not (10 * trial.sample_s < intervals < np.inf):
-            raise InputError(f"intervals: motion, whole, or a length of more than {10 * trial.sample_s:g} s, not {intervals}")
-        return [(f"part {k}", "part", a, b) for k, (a, b) in enumerate(divide_evenly(first, last, trial.samples(intervals)), 1)]
+        return [TrialInterval("whole", "whole trial", first, last)]
+    if intervals == "motion":
+        return _cut_around_motion(trial, first, last)
+    if isinstance(intervals, str) or not (10 * trial.sample_s < intervals < np.inf):
+        raise InputError(f"intervals: motion, whole, or a length of more than {10 * trial.sample_s:g} s, not {intervals}")
+    parts = divide_evenly(first, last, trial.samples(intervals))
+    return [TrialInterval(f"part {k}", "part", *part) for k, part in enumerate(parts, 1)]
+
+
+def _cut_around_motion(trial: Trial, first: int, last: int) -> list[TrialInterval]:
+    """Cut around each motion phase between two tracked samples, as `cut_trial` describes for "motion"."""
     phases = [(a, b) for a, b in trial.phases if a > first and b < last]
     if not phases:
         raise InputError(f"{trial.name}: no motion phase with rest before and after it; choose other intervals")
     stops = [first, *(b for _, b in phases)]
     starts = [*(a for a, _ in phases), last]
     margin = [min(trial.samples(REST_MARGIN_S), (start - stop) // 3) for stop, start in zip(stops, starts, strict=True)]
-    out: list[tuple[str, str, int, int]] = []
+    out: list[TrialInterval] = []
     for k, (a, b) in enumerate(phases):
-        low, high = a - margin[k], b + margin[k + 1]
+        name, low, high = f"motion {k + 1}", a - margin[k], b + margin[k + 1]
         if (high - low) * trial.sample_s <= LONG_S:
-            out.append((f"motion {k + 1}", "rest, motion, rest", low, high))
+            out.append(TrialInterval(name, "rest, motion, rest", low, high))
             continue
-        name = f"motion {k + 1}"
-        if not out or out[-1][3] <= stops[k]:
-            out.append((f"rest before {name}", "rest", stops[k], low))
+        if not out or out[-1].last <= stops[k]:  # otherwise the rest after the previous motion is this one
+            out.append(TrialInterval(f"rest before {name}", "rest", stops[k], low))
         parts = divide_evenly(low, high, trial.samples(PIECE_S))
-        out += [(f"{name} part {i}", "part of a long motion", *part) for i, part in enumerate(parts, 1)]
-        out.append((f"rest after {name}", "rest", high, starts[k + 1] - (0 if k + 1 == len(phases) else margin[k + 1])))
+        out += [TrialInterval(f"{name} part {i}", "part of a long motion", *part) for i, part in enumerate(parts, 1)]
+        end = starts[k + 1] - (0 if k + 1 == len(phases) else margin[k + 1])  # up to the margin of the next motion
+        out.append(TrialInterval(f"rest after {name}", "rest", high, end))
     return out
 
 
 def describe_time_offset(trial: Trial, attitude_offset_s: float = 0.0) -> tuple[str, ...]:
-    """The time offset of gyro and orientations by their rates, in words; empty where no motion shows one."""
+    """Describe the time offset of gyro and orientations by their rates; empty if no motion shows one."""
     rows = np.flatnonzero(trial.tracked)[:: trial.samples(OFFSET_STEP_S)]
     t_s = trial.t_s[rows] + attitude_offset_s
     windows = build_motion(trial.t_s, trial.rates, trial.sample_s, t_s, trial.quaternions[rows])
-    found = None if windows is None else refine(windows, reverse=False, with_clock=False)
-    return () if found is None else (found.describe_offset(),)
+    alignment = None if windows is None else refine(windows, reverse=False, with_clock=False)
+    return () if alignment is None else (alignment.describe_offset(),)
 
 
 def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
-    """Equal touching pieces of first … last, none longer than asked."""
+    """Divide first … last into equal touching pieces, none longer than `longest`."""
     count = max(-(-(last - first) // longest), 1)
     return [(int(a), int(b)) for a, b in pairwise(np.linspace(first, last, count + 1).round())]
 
 
 def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: float) -> NDArray[np.intp]:
-    """Samples of an interval to take the orientation of: evenly spaced, or the nearest tracked one at most half a step away."""
+    """Select evenly spaced samples of an interval, or the nearest tracked ones at most half a step away."""
     first, last = cut
     count = max(round((last - first) * trial.sample_s / spacing_s), 1)
-    wanted = np.linspace(first, last, count + 1)
+    targets = np.linspace(first, last, count + 1)
     tracked = np.flatnonzero(trial.tracked[first : last + 1]) + first
     if tracked.size == 0:
         return tracked
-    nearest = tracked[[int(np.argmin(np.abs(tracked - place))) for place in wanted]]
-    close = np.abs(nearest - wanted) <= 0.5 * (last - first) / count
-    return np.unique(nearest[close])
+    nearest = tracked[[int(np.argmin(np.abs(tracked - target))) for target in targets]]
+    is_close = np.abs(nearest - targets) <= 0.5 * (last - first) / count
+    return np.unique(nearest[is_close])
 
 
 def build_recording(
     trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0, attitude_offset_s: float = 0.0
 ) -> ImportedTrial:
-    """A trial as a recording.
+    """Build a recording from a trial.
 
-    An `InputError` if the trial has no rest, no motion or too few tracked orientations for what is asked.
+    Raises `InputError` if the trial has no rest, no motion or too few tracked orientations for the request.
 
     Parameters
     ----------
@@ -250,28 +267,28 @@ def build_recording(
     arw = estimate_walk_at_rest(at_rest, trial.sample_s)
     if arw is None:
         raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
-    long = [rates for rates in at_rest if len(rates) * trial.sample_s >= SHORTEST_REST_S]
-    if not long:
+    long_rests = [rates for rates in at_rest if len(rates) * trial.sample_s >= SHORTEST_REST_S]
+    if not long_rests:
         raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
     if not abs(attitude_offset_s) < trial.t_s[-1]:
         raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
-    chosen = [
+    interval_rows = [
         (name, activity, select_reference_samples(trial, (first, last), spacing_s))
         for name, activity, first, last in cut_trial(trial, intervals)
     ]
-    chosen = [one for one in chosen if one[2].size >= 2]
-    if not chosen:
+    interval_rows = [(name, activity, rows) for name, activity, rows in interval_rows if rows.size >= 2]
+    if not interval_rows:
         raise InputError(f"{trial.name}: no interval has two tracked orientations")
     gyro = GyroStream(
         t_s=trial.t_s - attitude_offset_s,
         rates=trial.rates,
         sample_s=trial.sample_s,
         arw=float(np.sqrt(np.mean(np.square(arw)))),
-        apriori_bias=-long[0].mean(axis=0),  # b of ω = G ω_raw + b with G = I
+        apriori_bias=-long_rests[0].mean(axis=0),  # b of ω = G ω_raw + b with G = I
         arw_estimated=True,
         arw_degrees=count_walk_degrees(at_rest, trial.sample_s),
     )
-    used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
+    used = np.unique(np.concatenate([rows for _, _, rows in interval_rows]))
     still = trial.still[used]
     rest, motion = _estimate_reference_sigma(trial, gyro, spacing_s)
     sigma = np.where(still[:, None], rest.sigma, motion.sigma)
@@ -283,7 +300,8 @@ def build_recording(
         gyro=gyro,
         attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, True, None, min(rest.degrees, motion.degrees)),
         intervals=tuple(
-            Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
+            Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]]))
+            for name, activity, rows in interval_rows
         ),
         tables={"housekeeping": pd.DataFrame(np.column_stack([gyro.t_s, trial.force]), columns=columns)},
     )
@@ -291,9 +309,9 @@ def build_recording(
 
 
 def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[ReferenceSigma, ReferenceSigma]:
-    """Reference sigma at rest and in motion, from the turns between references over the whole trial.
+    """Estimate the reference sigma at rest and in motion, from turns between references over the whole trial.
 
-    Where the gyro's noise hides that of the references over the spacing, turns over half of it are taken, and so on.
+    If the gyro's noise hides that of the references over the spacing, the spacing is halved until it does not.
     """
     tracked = np.flatnonzero(trial.tracked)
     while spacing_s >= trial.sample_s:
@@ -302,12 +320,12 @@ def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) 
         if len(pairs) < FEWEST_INCREMENTS:
             raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
         turns = compute_turns(gyro, trial.t_s, trial.quaternions, pairs)
-        resting = np.array([bool(trial.still[a : b + 1].all()) for a, b in pairs])
-        both = []
-        for mask in (resting, ~resting):
-            chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
-            both.append(fit_reference_sigma(turns.select(chosen), gyro.arw, gyro.arw_degrees))
-        if all(one.sigma.any() for one in both):
-            return both[0], both[1]
+        at_rest = np.array([bool(trial.still[a : b + 1].all()) for a, b in pairs])
+        estimates = []
+        for mask in (at_rest, ~at_rest):
+            selection = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
+            estimates.append(fit_reference_sigma(turns.select(selection), gyro.arw, gyro.arw_degrees))
+        if all(sigma.sigma.any() for sigma in estimates):
+            return estimates[0], estimates[1]
         spacing_s /= 2
     raise InputError(f"{trial.name}: the references scatter less than the gyro over any time, so that they have no sigma")

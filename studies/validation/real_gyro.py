@@ -59,14 +59,14 @@ class RealConfig(GridConfig):
     @classmethod
     def _find_trials(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         folder = (REPOSITORY_ROOT / info.data.get("folder", BROAD_FOLDER)).resolve()
-        found = tuple(sorted(path.stem for path in folder.glob("*.parquet")))
-        absent = [name for name in value if name not in found]
-        if absent or not found:
+        available = tuple(sorted(path.stem for path in folder.glob("*.parquet")))
+        absent = [name for name in value if name not in available]
+        if absent or not available:
             raise ValueError(
                 f"no trial {', '.join(absent) or 'at all'} in {folder}; the BROAD trials are not part of this project "
                 "(docs/validation.md says where they come from), point folder at them"
             )
-        return value or found
+        return value or available
 
     def points(self) -> tuple[str, ...]:
         """Return the trial of each case."""
@@ -85,26 +85,26 @@ def read_recording(config: RealConfig, number: int, streams: Streams) -> Recordi
 def run_case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
     """Calibrate, predict and diagnose a trial; the column `kind` tells rows of the trial, causes, steps and predictions."""
     recording = read_recording(config, number, streams)
-    found = add_remainder(recording, calibrate(recording))
-    widened = 1.0 if found.remainder is None else float(np.median(found.remainder.sigma / found.sigma))
-    trial: Row = {"kind": "trial", "chi2_per_dof": found.chi2 / found.dof, "sigmas_widened": widened}
+    result = add_remainder(recording, calibrate(recording))
+    widened = 1.0 if result.remainder is None else float(np.median(result.remainder.sigma / result.sigma))
+    trial: Row = {"kind": "trial", "chi2_per_dof": result.chi2 / result.dof, "sigmas_widened": widened}
     diagnosis = diagnose(recording, seed=config.entropy)
     trial |= summarise_diagnosis(diagnosis) | {"sha256": hash_bytes(config.file(number).read_bytes())}
     rows = [trial, *build_cause_and_step_rows(diagnosis), *build_prediction_rows(recording)]
     return [{"trial": config.trials[number], **row} for row in rows]
 
 
-def summarise_diagnosis(found: Diagnosis) -> Row:
+def summarise_diagnosis(diagnosis: Diagnosis) -> Row:
     """Summarise an answer: verdict, share of the misfit that all causes close, and the remainder with share, side and size."""
-    row: Row = {"verdict": found.verdict, "unknown_probability": found.unknown_probability}
-    if found.closure is not None:
-        row |= {"closed": found.closure.closed, **split_interval("closed", found.closure.interval_90)}
-    for step in found.budget:
+    row: Row = {"verdict": diagnosis.verdict, "unknown_probability": diagnosis.unknown_probability}
+    if diagnosis.closure is not None:
+        row |= {"closed": diagnosis.closure.closed, **split_interval("closed", diagnosis.closure.interval_90)}
+    for step in diagnosis.budget:
         if step.step == "remainder":
             row |= {"remainder": step.closed, **split_interval("remainder", step.interval_90)}
             row["remainder_deg"] = step.misfit_deg
-    if found.remainder is not None:
-        row |= {"remainder_side": found.remainder.side, "remainder_size": list_remainder_sizes(found.remainder)}
+    if diagnosis.remainder is not None:
+        row |= {"remainder_side": diagnosis.remainder.side, "remainder_size": list_remainder_sizes(diagnosis.remainder)}
     return row
 
 
@@ -114,12 +114,12 @@ def split_interval(name: str, interval: tuple[float, float] | None) -> Row:
     return {f"{name}_low": low, f"{name}_high": high}
 
 
-def build_cause_and_step_rows(found: Diagnosis) -> Iterator[Row]:
+def build_cause_and_step_rows(diagnosis: Diagnosis) -> Iterator[Row]:
     """Build a row for each cause, with the probability of it or of one indistinguishable from it, and for each budget step."""
-    for cause in found.causes:
+    for cause in diagnosis.causes:
         row = {"kind": "cause", "cause": cause.label, "size": cause.size, "sigma": cause.sigma, "unit": cause.unit}
         yield row | {"probability": cause.group_probability, "group": ", ".join(cause.group)}
-    for step in found.budget:
+    for step in diagnosis.budget:
         row = {name: getattr(step, name) for name in ("step", "misfit", "misfit_deg", "closed", "size", "sigma", "unit")}
         yield {"kind": "step", **row, **split_interval("closed", step.interval_90)}
 
@@ -129,17 +129,17 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
     start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
-    known = KnownCalibration.build(add_remainder(first, calibrate(first)))
+    calibration = KnownCalibration.build(add_remainder(first, calibrate(first)))
     return [
         {
             "kind": "prediction",
-            "horizon_s": one.horizon_s,
-            "predictions": float(len(one.error)),
-            "rms_deg": float(np.rad2deg(one.rms)),
-            "normalised_rms": float(np.sqrt(np.mean(np.square(one.normalised_rms)))),
-            **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", one.normalised_rms, strict=True)},
+            "horizon_s": error.horizon_s,
+            "predictions": float(len(error.error)),
+            "rms_deg": float(np.rad2deg(error.rms)),
+            "normalised_rms": float(np.sqrt(np.mean(np.square(error.normalised_rms)))),
+            **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", error.normalised_rms, strict=True)},
         }
-        for one in compute_prediction_errors(second, known)
+        for error in compute_prediction_errors(second, calibration)
     ]
 
 
@@ -148,8 +148,8 @@ STUDY = Study("studies.validation.real_gyro:STUDY", RealConfig, run_case, read_r
 
 def select_rows(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Select the rows of a kind with the columns that they have."""
-    chosen = rows[rows["kind"] == kind].drop(columns=["kind", "case", "error"], errors="ignore")
-    return chosen.dropna(axis=1, how="all").reset_index(drop=True)
+    kind_rows = rows[rows["kind"] == kind].drop(columns=["kind", "case", "error"], errors="ignore")
+    return kind_rows.dropna(axis=1, how="all").reset_index(drop=True)
 
 
 def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
@@ -201,11 +201,12 @@ def describe_share(row: Mapping[Any, Any], name: str) -> str:
 def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
     """Count the verdicts, and list the causes that are identified in every trial."""
     counts = ", ".join(f"{verdict} {count}" for verdict, count in trials["verdict"].value_counts().items())
-    sure = causes[causes["probability"] >= DEFAULT.named] if len(causes) else pd.DataFrame({"cause": []})
-    found = [str(cause) for cause, count in sure["cause"].value_counts().sort_index().items() if count == len(trials)]
+    identified = causes[causes["probability"] >= DEFAULT.named] if len(causes) else pd.DataFrame({"cause": []})
+    counted = identified["cause"].value_counts().sort_index().items()
+    causes_of_all = [str(cause) for cause, count in counted if count == len(trials)]
     return [
         Check(f"verdicts of {len(trials)} trials", counts),
-        Check("causes identified in every trial", ", ".join(found) or "none"),
+        Check("causes identified in every trial", ", ".join(causes_of_all) or "none"),
     ]
 
 
@@ -214,11 +215,11 @@ def check_predictions(predictions: pd.DataFrame) -> list[Check]:
     low, high = CONSISTENT_RMS_RANGE
     checks = []
     for horizon, part in predictions.groupby("horizon_s"):
-        own = part["normalised_rms"].dropna()
-        rms, inside = float(np.sqrt(np.mean(np.square(own)))), int(own.between(low, high).sum())
+        normalised_rms = part["normalised_rms"].dropna()
+        rms, inside = float(np.sqrt(np.mean(np.square(normalised_rms)))), int(normalised_rms.between(low, high).sum())
         checks += [
             Check(f"normalised error over {horizon:g} s, RMS of all trials", rms, CONSISTENT_RMS_RANGE, "", PREDICTION),
-            Check(f"trials with {low:g} to {high:g} over {horizon:g} s, of {len(own)}", inside),
+            Check(f"trials with {low:g} to {high:g} over {horizon:g} s, of {len(normalised_rms)}", inside),
         ]
     return checks
 
@@ -238,8 +239,8 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
 
 def build_step(row: Mapping[Any, Any]) -> Step:
     """Build a step of a budget from its row."""
-    share: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
-    return Step(row["step"], row["misfit"], row["misfit_deg"], *share)
+    closed: tuple[Any, ...] = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
+    return Step(row["step"], row["misfit"], row["misfit_deg"], *closed)
 
 
 ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)

@@ -4,9 +4,8 @@ A gyro is calibrated in four ways, each with code of its own: the compiled itera
 command ``gyrocal calibrate`` with its JSON, and `RecursiveCalibrator`, sample by sample. All four are cases, the latter three
 in both parametrisations.
 
-In ppm and deg/h, where the values are of the order one, and minus identity, since they are compared relatively. After one
-iteration nothing has healed what is wrong with a step: a step longer by 1e-6 of itself moves most values by nearly as much of
-themselves.
+Values are in ppm and deg/h, of the order one, and minus identity, since they are compared relatively. After one iteration no
+error of a step has been corrected: a step longer by a factor of 1 + 1e-6 changes most values by nearly the same factor.
 """
 
 import json
@@ -42,7 +41,7 @@ IDENTITY = np.append(np.eye(3).ravel(), np.zeros(3))
 
 
 def run_compiled_iterations() -> pd.DataFrame:
-    """Rows of the Monte Carlo of the paper's tables."""
+    """Run the Monte Carlo of the paper's tables, and return its rows."""
     config = paper_tables.PaperTablesConfig(cases=CASES, steps_s=BASELINE_STEPS_S)
     rows = pd.concat([paper_tables.tabulate_case(config, number) for number in range(CASES)], ignore_index=True)
     out = rows.rename(columns={"case": "simulation"}).assign(way=COMPILED, parametrisation="gain")[KEYS].copy()
@@ -53,7 +52,7 @@ def run_compiled_iterations() -> pd.DataFrame:
 
 
 def run_estimator(way: str) -> pd.DataFrame:
-    """Rows of one of the ways beside the compiled one, in both parametrisations."""
+    """Run one of the ways beside the compiled one, in both parametrisations, and return its rows."""
     config = paper_tables.PaperTablesConfig(overrides={"gyro.sample_s": SLOW_SAMPLE_S})
     scenario, (gyro_rng, reference_rng) = load_base_scenario(config), make_noise_generators(Streams(config.entropy, 0))
     recording = observe(scenario, NoiseFreeSimulation.simulate(scenario).motion, gyro_rng=gyro_rng, reference_rng=reference_rng)
@@ -69,13 +68,13 @@ def run_estimator(way: str) -> pd.DataFrame:
 
 
 def calibrate_by_function(recording: Recording, parametrisation: Parametrisation) -> Estimates:
-    """`gyrocal.calibrate`."""
-    one, two = (calibrate(recording, iterations=n, parametrisation=parametrisation) for n in (1, 2))
-    return one.parameters.vector, two.parameters.vector, two.covariance
+    """Calibrate by `gyrocal.calibrate`."""
+    first, second = (calibrate(recording, iterations=n, parametrisation=parametrisation) for n in (1, 2))
+    return first.parameters.vector, second.parameters.vector, second.covariance
 
 
 def calibrate_by_command(recording: Recording, parametrisation: Parametrisation) -> Estimates:
-    """``gyrocal calibrate``, read from the JSON it writes."""
+    """Calibrate by ``gyrocal calibrate``, and read the JSON it writes."""
     documents = []
     with TemporaryDirectory() as folder:
         save(recording, Path(folder) / "recording")
@@ -88,7 +87,7 @@ def calibrate_by_command(recording: Recording, parametrisation: Parametrisation)
 
 
 def calibrate_by_recursion(recording: Recording, parametrisation: Parametrisation) -> Estimates:
-    """`gyrocal.RecursiveCalibrator`, one pass after the other."""
+    """Calibrate by `gyrocal.RecursiveCalibrator`, one pass after the other."""
     A, sigma = attitude.matrix_from_quaternion(recording.attitudes.quaternions), recording.attitudes.sigma
     prepared = prepare_measurements(recording)
     parameters = GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
@@ -122,7 +121,7 @@ class RecoveredConfig(GridConfig):
 
 
 def run_way(config: RecoveredConfig, number: int, streams: Streams) -> list[dict[str, object]]:
-    """Rows of one way: recovered minus identity of G in ppm, b in deg/h, their sigmas and NEES, for each variant."""
+    """Calibrate one way: recovered minus identity of G in ppm, b in deg/h, their sigmas and NEES, for each variant."""
     (way,) = config.points()[number]
     table = run_compiled_iterations() if way == COMPILED else run_estimator(way)
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]

@@ -9,13 +9,13 @@ import pytest
 
 from benchmarks import c_kernel, mission_loop, references
 from benchmarks.measure import GOALS, LEFT_OUT
-from benchmarks.streams import disagreement, run_packed
+from benchmarks.streams import compute_disagreement, run_packed
 from gyrocal import Arcs, GyroParameters
 from tests import ROOT
 
 RNG = np.random.default_rng(7)
 PARAMETERS = GyroParameters(np.eye(3) + 1e-3 * RNG.normal(size=(3, 3)), 1e-5 * RNG.normal(size=3))
-needs_compiler = pytest.mark.skipif(c_kernel.compiler() is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(c_kernel.find_compiler() is None, reason="no C compiler")
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +30,8 @@ def arcs():
 def test_c_agrees_with_the_kernel(arcs, tmp_path):
     expected = run_packed(arcs, PARAMETERS)
     call = c_kernel.prepare_call(c_kernel.build(tmp_path), c_kernel.pack(arcs), PARAMETERS.G, PARAMETERS.bias)
-    assert disagreement(call(), expected) < 1e-12
-    assert disagreement(call(), expected) < 1e-12, "a second call starts afresh"
+    assert compute_disagreement(call(), expected) < 1e-12
+    assert compute_disagreement(call(), expected) < 1e-12, "a second call starts afresh"
 
 
 def test_textbook_loop_agrees_with_the_kernel(arcs):
@@ -54,7 +54,7 @@ def test_a_quick_run_writes_every_key(tmp_path):
         assert (value is None) == (name in document["reasons"])
     assert document["cpu_ms_per_case"] > 0
     assert set(document["goals"]) == set(GOALS)
-    assert document["reasons"]["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.compiler() is None
+    assert document["reasons"]["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.find_compiler() is None
 
 
 def test_compiled_and_plain_fly_the_same():

@@ -1,7 +1,7 @@
-"""A table's diagnosis: is there a gap, and what explains it.
+"""Diagnosis of a table: test for a misfit, and search for its causes.
 
-The linear model has the 18 motion numbers, whitened by what print leaves of them (`studies.natanson.flight_diagnosis.table`).
-The candidates are
+The linear model has the 18 motion numbers, whitened by their rounding errors (`studies.natanson.flight_diagnosis.table`). The
+candidates are
 
 - *slew timing* of an interval: its amplitudes are the timings in standard deviations of their broad priors;
 - *yaw direction* and *-y rate sign*: a shift alone, the prediction with the slews reversed less that with those assumed;
@@ -9,7 +9,7 @@ The candidates are
 - unlisted rivals: a random residual of any size in all numbers, in one interval or in one number.
 
 Timings act nonlinearly, so the model is linearised again about the likeliest ones until nothing changes. A kind of effect is a
-cause if the explanations with it have a probability of `NAMING_PROBABILITY` or more together, also beside something unlisted.
+cause if the explanations with it, also those with an unlisted rival, have a total probability of at least `NAMING_PROBABILITY`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -39,9 +39,9 @@ from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, mak
 YAW, RATE, TIMING, NOISE = "yaw direction", "-y rate sign", "slew timing", "noise level"
 NAMING_PROBABILITY = 0.95
 FALSE_ALARM = 0.01
-PRIOR_OF_CHANCE = 0.2  # prior share of chance alone, as likely beforehand as one kind of effect
-UNKNOWN_DEG = (0.001, 1.0)  # of what is unknown
-FLAT = 12**-0.5  # standard deviation of what is flat between zero and one
+PRIOR_OF_CHANCE = 0.2  # prior probability of chance alone, as large as that of one kind of effect
+UNKNOWN_DEG = (0.001, 1.0)  # sizes of an unknown effect
+FLAT = 12**-0.5  # standard deviation of a uniform distribution between zero and one
 TIMING_STEP = 0.01  # of a timing between zero and one, for its derivative
 MOST_FLIGHT_EFFECTS = 4  # three timings and one more
 SEARCH_ROUNDS = 5  # of search and new linearisation
@@ -51,7 +51,7 @@ CONVERGED_TIMING = 0.01  # of a timing between zero and one
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """What a table's model is linearised about."""
+    """Point about which a table's model is linearised."""
 
     reversed_intervals: frozenset[int] = frozenset()  # intervals whose slews are the other way round
     # timings of each interval with slews, as numbers between zero and one
@@ -60,15 +60,15 @@ class LinearisationPoint:
 
 @dataclass(frozen=True)
 class TableDiagnosis:
-    """What is found in a table under a baseline."""
+    """Diagnosis of a table under a baseline."""
 
     gap: Mapping[str, float]  # tests of the motion's and the noise's numbers
     verdict: Verdict  # "none", "named", "group" or "unknown"
     noise: tuple[float, float]  # mean and sigma of the noise over the baseline's
     before: Array  # before, after: (18,) d without and with the listed effects of the likeliest explanation, deg
     after: Array
-    causes: tuple[str, ...] = ()  # effects with a probability of `NAMING_PROBABILITY`, "unknown" left out
-    unknown: float = 0.0  # probability that something unknown is at work
+    causes: tuple[str, ...] = ()  # effects with a probability of `NAMING_PROBABILITY`, without "unknown"
+    unknown: float = 0.0  # probability of an unknown effect
     fitted: tuple[FittedEffect, ...] = ()  # effects of the likeliest explanation, unlisted ones included
 
     @property
@@ -78,7 +78,7 @@ class TableDiagnosis:
 
 
 def build_flight_model(table: ResidualTable, baseline: Baseline, point: LinearisationPoint) -> LinearModel:
-    """The linear model of a table under a baseline about a point."""
+    """Build the linear model of a table under a baseline about a point."""
     assumed = compute_motion_numbers(table, baseline)
     numbers = compute_motion_numbers(table, baseline, point.reversed_intervals)
     L = np.asarray(np.linalg.cholesky(numbers.covariance))
@@ -95,7 +95,7 @@ def build_flight_model(table: ResidualTable, baseline: Baseline, point: Linearis
 def _make_shifted_candidate(
     effect: str, interval: int, columns: Array, read: Parameters, size: float, unit: str
 ) -> CandidateColumns:
-    """A candidate whose prior is in its columns, the last of which is a shift."""
+    """Make a candidate whose prior is in its columns, the last of which is a shift."""
     return make_candidate(
         effect, f"{interval + 1}", columns, unit, read=lambda _: (size, read), shifted=True, scales=np.ones(1)
     )
@@ -104,7 +104,7 @@ def _make_shifted_candidate(
 def _make_direction_candidate(
     table: ResidualTable, baseline: Baseline, assumed: MotionNumbers, k: int, L: Array
 ) -> CandidateColumns:
-    """Slews of an interval the other way round."""
+    """Make the candidate of an interval's slews in the opposite direction."""
     shift = (compute_motion_numbers(table, baseline, (k,)).prediction - assumed.prediction).ravel()
     effect, size, unit = (RATE, 2.0, "RPO") if k == MINUS_Y else (YAW, 360.0, "deg")
     return _make_shifted_candidate(effect, k, whiten(L, shift[:, None]), {}, size, unit)
@@ -114,8 +114,8 @@ def _make_timing_candidate(numbers: MotionNumbers, k: int, u: Array, L: Array) -
     """Build the candidate for an interval's slew timings, linearised about u by finite differences of the simulator."""
     steps = np.where(u > 0.5, -TIMING_STEP, TIMING_STEP)
     section = numbers.sections[k]
-    moved = [replace_slew_timings(section, *compute_timings(section, point)) for point in (u, *(u + np.diag(steps)))]
-    residuals = numbers.predict(moved)  # (m + 1, 3)
+    sections = [replace_slew_timings(section, *compute_timings(section, point)) for point in (u, *(u + np.diag(steps)))]
+    residuals = numbers.predict(sections)  # (m + 1, 3)
     J = ((residuals[1:] - residuals[0]) / steps[:, None]).T
     columns = np.zeros((6, 3, u.size + 1))
     columns[k, :, :-1] = J * FLAT
@@ -126,6 +126,7 @@ def _make_timing_candidate(numbers: MotionNumbers, k: int, u: Array, L: Array) -
 
 
 def _make_noise_candidate(table: ResidualTable, baseline: Baseline, numbers: MotionNumbers) -> CandidateColumns:
+    """Make the candidate of another noise level, with the evidence of the noise numbers and no column."""
     log_odds, mean, sigma = estimate_noise_level(table, numbers.Theta, baseline)
     return make_candidate(
         NOISE,
@@ -140,13 +141,13 @@ def _make_noise_candidate(table: ResidualTable, baseline: Baseline, numbers: Mot
 
 
 def _list_random_rivals(L: Array) -> Iterator[CandidateColumns]:
-    """Random residuals, per deg."""
-    each = whiten(L, np.eye(len(RESIDUAL_PLACES)))
-    yield make_rival("all numbers", None, each, "deg", UNKNOWN_DEG)
+    """List random residuals, per deg: of all numbers, an interval's, or one number."""
+    unit_columns = whiten(L, np.eye(len(RESIDUAL_PLACES)))
+    yield make_rival("all numbers", None, unit_columns, "deg", UNKNOWN_DEG)
     for k in range(6):
-        yield make_rival("an interval", f"{k + 1}", each[:, 3 * k : 3 * k + 3], "deg", UNKNOWN_DEG)
+        yield make_rival("an interval", f"{k + 1}", unit_columns[:, 3 * k : 3 * k + 3], "deg", UNKNOWN_DEG)
     for i, (k, name) in enumerate(RESIDUAL_PLACES):
-        yield make_rival("a number", f"{k + 1} {name}", each[:, [i]], "deg", UNKNOWN_DEG)
+        yield make_rival("a number", f"{k + 1} {name}", unit_columns[:, [i]], "deg", UNKNOWN_DEG)
 
 
 def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
@@ -167,44 +168,44 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
 
 
 def _sum_probability(attribution: Attribution, effect: str) -> float:
-    """Sum the probability of the explanations that hold an effect, on whatever axis."""
-    holders = [one for one in attribution.ranked if any(label.startswith(effect) for label in one.labels)]
-    return sum(one.probability for one in holders)
+    """Sum the probability of the explanations with an effect, on any axis."""
+    ranked = attribution.ranked
+    return sum(entry.probability for entry in ranked if any(label.startswith(effect) for label in entry.labels))
 
 
 def search_with_relinearisation(
     table: ResidualTable, baseline: Baseline
 ) -> tuple[LinearModel, Attribution, LinearisationPoint]:
     """Find the explanations; returns the last model, their attribution, and the point that the model is linearised about."""
-    point, found = LinearisationPoint(), tuple[str, ...]()
+    point, causes = LinearisationPoint(), tuple[str, ...]()
     for _ in range(SEARCH_ROUNDS):
-        point = relinearise_timings(table, baseline, point, found)
+        point = relinearise_timings(table, baseline, point, causes)
         model = build_flight_model(table, baseline, point)
         attribution = rank_all(model, rank_explanations(model, PRIOR_OF_CHANCE))
         best = tuple(label for label in attribution.ranked[0].labels if not label.startswith(UNKNOWN_NAME))
-        if set(best) == set(found):
+        if set(best) == set(causes):
             break
-        found = best
+        causes = best
         directions = [label for label in best if label.startswith((YAW, RATE))]
         point = LinearisationPoint(frozenset(int(label.split(":")[1]) - 1 for label in directions), point.timings)
     return model, attribution, point
 
 
 def relinearise_timings(
-    table: ResidualTable, baseline: Baseline, point: LinearisationPoint, found: tuple[str, ...]
+    table: ResidualTable, baseline: Baseline, point: LinearisationPoint, causes: tuple[str, ...]
 ) -> LinearisationPoint:
-    """Each timing's point moved to its likeliest values, beside the other effects that were found, or instead of theirs.
+    """Move the point of each timing to its likeliest values, beside the present causes.
 
-    A timing that was not found may stand for those that were: it is tried beside the directions that were found alone.
+    A timing that is no present cause may replace those that are: it is fitted beside the directions alone.
     """
     for _ in range(LINEARISATION_ITERATIONS):
         model = build_flight_model(table, baseline, point)
         timings = {}
         for k in SLEWING:
             label = f"{TIMING}:{k + 1}"
-            others = [other for other in found if other != label and (label in found or not other.startswith(TIMING))]
-            amplitudes = fit(model, [_find_member(model, name) for name in (*others, label)])[-1].amplitudes
-            timings[k] = np.clip(0.5 + FLAT * amplitudes, 0.0, 1.0)  # as far as they can be flown
+            beside_causes = [cause for cause in causes if cause != label and (label in causes or not cause.startswith(TIMING))]
+            amplitudes = fit(model, [_find_member(model, name) for name in (*beside_causes, label)])[-1].amplitudes
+            timings[k] = np.clip(0.5 + FLAT * amplitudes, 0.0, 1.0)  # within the prior range, outside which no slew exists
         change = max(float(np.abs(timings[k] - u).max()) for k, u in point.timings.items())
         point = LinearisationPoint(point.reversed_intervals, timings)
         if change < CONVERGED_TIMING:
@@ -213,6 +214,7 @@ def relinearise_timings(
 
 
 def _find_member(model: LinearModel, label: str) -> SelectedCandidate:
-    place = model.find(label)
-    assert place is not None
-    return SelectedCandidate(place, 0, 0)
+    """Select the candidate of a label."""
+    index = model.find(label)
+    assert index is not None
+    return SelectedCandidate(index, 0, 0)

@@ -1,4 +1,4 @@
-"""The study: simulated tables of a known cause, diagnosed, and the flight's table under right and wrong baselines."""
+"""The study: diagnoses of simulated tables with a known cause, and of the flight's table under right and wrong baselines."""
 
 from dataclasses import replace
 from functools import cache
@@ -51,11 +51,11 @@ LATE_SLEWS = (0.9, 0.1, 0.9, 0.1)  # timings of the wrong baseline, as numbers b
 
 
 def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> ResidualTable:
-    """A table as the paper would print it: noise, least squares for the twelve parameters, and every number rounded."""
+    """Simulate a table as the paper prints it: noise, a least-squares calibration, and rounded numbers."""
     sections = reverse_intervals(baseline.scenario.interval, REVERSED_INTERVALS.get(kind, ()))
     if kind == "timings":
         sections = replace_timings(sections, {k: rng.random(len(TIMING_NAMES[k])) for k in SLEWING})
-    total, gyro = (replace(baseline, noise_factor=3.0) if kind == "noise x3" else baseline).variances()
+    total, gyro = (replace(baseline, noise_factor=3.0) if kind == "noise x3" else baseline).compute_variances()
     theta, Theta = simulate_residuals(sections)
     for k, section in enumerate(sections):
         theta[k] += differentiate_by_clock(section) @ rng.uniform(-0.5, 0.5, 2) * CLOCK_S  # Table 1 rounds the times
@@ -63,8 +63,8 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
     noise = rng.normal(size=(6, 3)) * np.sqrt(total)[:, None]
     scale = np.linalg.norm(H, axis=0)
     error = np.linalg.lstsq(H / scale, noise.ravel(), rcond=None)[0] / scale
-    used = H @ (INITIAL_DIGITS * rng.uniform(-0.5, 0.5, 12))  # what was used has more digits than Table 3
-    before = theta + noise + used.reshape(6, 3)
+    rounding = H @ (INITIAL_DIGITS * rng.uniform(-0.5, 0.5, 12))  # the parameters used have more digits than Table 3
+    before = theta + noise + rounding.reshape(6, 3)
     if kind == UNKNOWN:
         before[rng.integers(6)] += rng.normal(size=3) * UNKNOWN_SIMULATED_DEG
     steps = rng.normal(size=(2, 6, 3)) * np.sqrt(gyro[:, None] * np.array([1.0, 2.0])[:, None, None])
@@ -76,7 +76,7 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
 
 
 def replace_timings(sections: tuple[IntervalSection, ...], timings: dict[int, Any]) -> tuple[IntervalSection, ...]:
-    """Intervals with other timings of their slews, given as numbers between zero and one."""
+    """Replace the slew timings of intervals, given as numbers between zero and one."""
     out = list(sections)
     for k, u in timings.items():
         out[k] = replace_slew_timings(out[k], *compute_timings(out[k], u))
@@ -87,7 +87,7 @@ class FlightConfig(GridConfig):
     """The simulated tables."""
 
     axes: ClassVar = ("nothing", "each")
-    nothing: int = 200  # tables made of the baseline itself
+    nothing: int = 200  # tables of the baseline itself
     each: int = 10  # tables of every other kind
 
     @model_validator(mode="after")
@@ -99,24 +99,24 @@ class FlightConfig(GridConfig):
         return self
 
     def points(self) -> list[str]:
-        """Kind of each case."""
+        """List the kind of each case."""
         return [kind for kind in CAUSE_BY_KIND for _ in range(self.nothing if kind == "nothing" else self.each)]
 
 
 def run_case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
     """Diagnose one simulated table."""
     kind = config.points()[number]
-    found = diagnose(simulate_table(kind, load_present_baseline(), streams.generator("table")), load_present_baseline())
-    named, truth = set(found.causes), {CAUSE_BY_KIND[kind]} - {""}
+    diagnosis = diagnose(simulate_table(kind, load_present_baseline(), streams.generator("table")), load_present_baseline())
+    causes, truth = set(diagnosis.causes), {CAUSE_BY_KIND[kind]} - {""}
     right_verdict = {"nothing": "none", UNKNOWN: "unknown"}.get(kind, "named")
     return {
         "kind": kind,
-        "verdict": found.verdict,
-        "causes": ", ".join(found.causes),
-        "likeliest": found.best,
-        "p_value": found.gap["p_value"],
-        "right": found.verdict == right_verdict and named == truth,
-        "false_name": bool(named - truth),
+        "verdict": diagnosis.verdict,
+        "causes": ", ".join(diagnosis.causes),
+        "likeliest": diagnosis.best,
+        "p_value": diagnosis.gap["p_value"],
+        "right": diagnosis.verdict == right_verdict and causes == truth,
+        "false_name": bool(causes - truth),
     }
 
 
@@ -125,19 +125,19 @@ STUDY = Study("studies.natanson.flight_diagnosis:STUDY", FlightConfig, run_case)
 
 @cache
 def list_trial_baselines() -> tuple[Baseline, ...]:
-    """The present baseline first, then the deliberately wrong ones."""
-    right = load_present_baseline()
-    sections = right.scenario.interval
+    """List the present baseline first, then the deliberately wrong ones."""
+    present = load_present_baseline()
+    sections = present.scenario.interval
 
-    def fly(name: str, effect: str, intervals: tuple[IntervalSection, ...]) -> Baseline:
-        return Baseline(name, right.scenario.model_copy(update={"interval": intervals}), wrong=effect)
+    def build_baseline(name: str, effect: str, intervals: tuple[IntervalSection, ...]) -> Baseline:
+        return Baseline(name, present.scenario.model_copy(update={"interval": intervals}), wrong=effect)
 
     return (
-        right,
-        fly("yaw of 2 reversed", YAW, reverse_intervals(sections, (1,))),
-        fly("rate of 4 at +1 RPO", RATE, reverse_intervals(sections, (MINUS_Y,))),
-        fly("late, smooth slews in 4", TIMING, replace_timings(sections, {MINUS_Y: LATE_SLEWS})),
-        replace(right, name="noise three times", noise_factor=3.0, wrong=NOISE),
+        present,
+        build_baseline("yaw of 2 reversed", YAW, reverse_intervals(sections, (1,))),
+        build_baseline("rate of 4 at +1 RPO", RATE, reverse_intervals(sections, (MINUS_Y,))),
+        build_baseline("late, smooth slews in 4", TIMING, replace_timings(sections, {MINUS_Y: LATE_SLEWS})),
+        replace(present, name="noise three times", noise_factor=3.0, wrong=NOISE),
     )
 
 
@@ -147,10 +147,10 @@ def diagnose_under_baseline(trial: Baseline) -> TableDiagnosis:
     return diagnose(read_flight_residual_table(), trial)
 
 
-def compute_misfit_rms(found: TableDiagnosis) -> dict[str, float]:
-    """RMS of flown minus predicted, before and after the explanation, and of the flight's residuals after calibration."""
-    left = read_flight_residual_table().after.ravel()
-    values = {"before": found.before + left, "after": found.after + left, "floor": left}
+def compute_misfit_rms(diagnosis: TableDiagnosis) -> dict[str, float]:
+    """Compute the RMS of flown minus predicted, before and after the explanation, and of the calibrated residuals."""
+    calibrated = read_flight_residual_table().after.ravel()
+    values = {"before": diagnosis.before + calibrated, "after": diagnosis.after + calibrated, "floor": calibrated}
     return {name: float(flight.compute_rms(value)) for name, value in values.items()}
 
 
@@ -162,18 +162,18 @@ SIMULATED_NOTE = "The tables are simulated as the paper would print them, of a k
 
 
 def _build_flight_checks() -> list[Check]:
-    """What is found in the flight's table, under the present baseline and the wrong ones."""
-    right, *wrong = list_trial_baselines()
-    found, rms = diagnose_under_baseline(right), compute_misfit_rms(diagnose_under_baseline(right))
-    places = locate_misfit(read_flight_residual_table(), right)
+    """Build the checks of the flight's table, under the present baseline and the wrong ones."""
+    present, *wrong_baselines = list_trial_baselines()
+    diagnosis, rms = diagnose_under_baseline(present), compute_misfit_rms(diagnose_under_baseline(present))
+    places = locate_misfit(read_flight_residual_table(), present)
     return [
-        Check("verdict under the present baseline", found.verdict),
-        Check("its causes", " + ".join(found.causes) or "none", "none"),
-        *(Check(f"size of what is {effect.label}", effect.size, None, "deg") for effect in found.fitted if effect.process),
+        Check("verdict under the present baseline", diagnosis.verdict),
+        Check("its causes", " + ".join(diagnosis.causes) or "none", "none"),
+        *(Check(f"size of what is {effect.label}", effect.size, None, "deg") for effect in diagnosis.fitted if effect.process),
         Check("gap, RMS", rms["before"], None, "deg", PREDICTED_GAP_NOTE),
         Check("its floor, RMS", rms["floor"], None, "deg"),
         Check("numbers of 18 in which the gap stands out", int((places["p_holm"] < FALSE_ALARM).sum())),
-        Check("noise over the stated one", found.noise[0], bound_near(1.0, 4 * found.noise[1])),
+        Check("noise over the stated one", diagnosis.noise[0], bound_near(1.0, 4 * diagnosis.noise[1])),
         *(
             Check(
                 f"causes with {trial.name}",
@@ -181,49 +181,50 @@ def _build_flight_checks() -> list[Check]:
                 trial.wrong,
                 meaning=WRONG_BASELINE_NOTE,
             )
-            for trial in wrong
+            for trial in wrong_baselines
         ),
     ]
 
 
 def _build_simulated_checks(rows: pd.DataFrame) -> list[Check]:
-    """How many simulated tables are detected, rightly named and wrongly named."""
+    """Count the simulated tables that are detected, rightly named and wrongly named."""
     is_nothing, is_gap = rows["kind"] == "nothing", rows["verdict"] != "none"
-    out: list[Check] = []
+    checks: list[Check] = []
     alarms, tables = int((is_gap & is_nothing).sum()), int(is_nothing.sum())
     if tables:
         name = f"stated rate of false alarms, for {alarms} of {tables} tables"
-        out.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, tables), "", SIMULATED_NOTE))
+        checks.append(Check(name, FALSE_ALARM, compute_binomial_interval(alarms, tables), "", SIMULATED_NOTE))
     effects = rows[~is_nothing]
     if count := len(effects):
-        out += [
+        checks += [
             Check(f"gaps found of {count} tables with an effect", int(is_gap[~is_nothing].sum()), bound_below(0.9 * count)),
             Check("rightly named", int(effects["right"].sum()), bound_below(0.9 * count)),
             Check("with a wrong name", int(effects["false_name"].sum()), bound_above((1 - NAMING_PROBABILITY) * count)),
         ]
-    return out
+    return checks
 
 
 def _describe_trial(trial: Baseline) -> dict[str, Any]:
-    found, rms = diagnose_under_baseline(trial), compute_misfit_rms(diagnose_under_baseline(trial))
+    """Build the row of the flight's diagnosis under a baseline."""
+    diagnosis, rms = diagnose_under_baseline(trial), compute_misfit_rms(diagnose_under_baseline(trial))
     return {
         "baseline": trial.name,
-        "verdict": found.verdict,
-        "likeliest": found.best,
-        "unknown_probability": found.unknown,
+        "verdict": diagnosis.verdict,
+        "likeliest": diagnosis.best,
+        "unknown_probability": diagnosis.unknown,
         "before_deg": rms["before"],
         "after_deg": rms["after"],
-        "noise_factor": found.noise[0],
+        "noise_factor": diagnosis.noise[0],
     }
 
 
 def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
-    """The flight's table under every baseline, and what simulated tables say of the diagnosis."""
-    right, *_ = list_trial_baselines()
+    """Report the flight's table under every baseline, and the diagnoses of simulated tables."""
+    present, *_ = list_trial_baselines()
     trials = pd.DataFrame([_describe_trial(trial) for trial in list_trial_baselines()])
     tables = {
         "baselines": Table("The flight's table under each baseline", trials),
-        "where": Table("Where, under the present baseline", locate_misfit(read_flight_residual_table(), right)),
+        "where": Table("Where, under the present baseline", locate_misfit(read_flight_residual_table(), present)),
     }
     return Report(tables, checks=(*_build_flight_checks(), *_build_simulated_checks(rows)))
 

@@ -1,14 +1,14 @@
-"""What the paper prints of a calibration beside what the simulator says of it: tables, baselines, numbers to judge by.
+"""The printed table of a calibration, the simulator's prediction of it, and the numbers that compare both.
 
 The last digits printed are those of Table 2, Table 3, R (9) and, for the intervals' times, Table 1.
 
 A table is judged by two sets of numbers, which share no noise. With y and c, the residuals before and after calibration, as in
 `studies.natanson.flight_diagnosis`:
 
-- *Motion*, 18 numbers: d = y − c − prediction. What is left in them is print: cells to 0.001 deg, the intervals' times to 15 s,
-  Table 3 and R (9) to their last digits (which correlates the intervals through Θ), and one second-iteration correction (N
-  Table 5), since the papers do not say which iterate c belongs to.
-- *Noise*, 6 + 36 numbers: c off the columns of Θ (the six numbers no calibration can take away, whatever its weights), of
+- *Motion*, 18 numbers: d = y − c − prediction. Their errors are those of print: cells to 0.001 deg, the intervals' times to
+  15 s, Table 3 and R (9) to their last digits (which correlates the intervals through Θ), and one second-iteration correction
+  (N Table 5), since the papers do not say which iterate c belongs to.
+- *Noise*, 6 + 36 numbers: c orthogonal to the columns of Θ (six numbers that no calibration can absorb, with any weights), of
   covariance V = 2σ² + a²T (references at both ends, gyro), and the differences between the step columns, a²T and 2a²T.
 """
 
@@ -36,7 +36,7 @@ PUBLISHED_DIGITS = np.array([1e-6, 1e-6, 1e-9, 1e-9, 1e-5, 1e-7, 1e-9, 1e-7, 1e-
 
 @dataclass(frozen=True)
 class ResidualTable:
-    """What the paper prints of a calibration."""
+    """The numbers of a calibration that the paper prints."""
 
     before: Array  # before, after: (6, 3) residuals at 0.5 s before and after calibration, deg
     after: Array
@@ -45,7 +45,7 @@ class ResidualTable:
 
 
 def read_flight_residual_table() -> ResidualTable:
-    """The flight's."""
+    """Read the flight's table."""
     coarser = np.array([flight.read_published_residuals("prelaunch", step) for step in flight.FLIGHT_STEPS_S[1:]])
     return ResidualTable(
         flight.read_published_residuals("prelaunch"),
@@ -56,22 +56,22 @@ def read_flight_residual_table() -> ResidualTable:
 
 
 def round_to_digits(values: Array, digits: Array | float) -> Array:
-    """Values as printed; digits of zero are exact."""
+    """Round values to their printed digits; digits of zero are exact."""
     digits = np.broadcast_to(digits, np.shape(values))
     return np.asarray(np.where(digits > 0, np.round(values / np.where(digits > 0, digits, 1.0)) * digits, values))
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """What the simulator is told."""
+    """Assumptions of the simulator: scenario and noise."""
 
     name: str  # for people
     scenario: Scenario  # motion and noise
     noise_factor: float = 1.0  # on the scenario's noise
-    wrong: str = ""  # effect that it was made wrong by on purpose
+    wrong: str = ""  # effect of a deliberate error
 
-    def variances(self) -> tuple[Array, Array]:
-        """(6,) of a residual, and its gyro part a²T, deg²."""
+    def compute_variances(self) -> tuple[Array, Array]:
+        """Compute the variance (6,) of a residual, and its gyro part a²T, deg²."""
         T = np.array([interval.stop_s - interval.start_s for interval in self.scenario.interval])
         gyro = self.noise_factor**2 * self.scenario.gyro.arw_deg_per_sqrt_s**2 * T
         sigma = np.mean(np.square(self.scenario.reference.sigma_deg))
@@ -79,38 +79,38 @@ class Baseline:
 
 
 def load_present_baseline() -> Baseline:
-    """The simulator as it is."""
+    """Load the simulator's present assumptions."""
     return Baseline("as assumed", scenarios.load("trmm"))
 
 
 @cache
 def load_coarse_trmm() -> Scenario:
-    """The scenario every prediction takes orbit and sampling from, at coarse samples."""
+    """Load the scenario whose orbit and sampling every prediction uses, with coarse samples."""
     return scenarios.override(scenarios.load("trmm"), {"gyro.sample_s": flight_gap.COARSE_SAMPLE_S})
 
 
 @lru_cache(maxsize=4096)
 def _simulate_interval(section: IntervalSection) -> tuple[Array, Array]:
-    """Noise-free residuals (3,) deg of an interval and Θ (3, 12); on a circular orbit they do not depend on when it begins."""
-    moved = section.model_copy(update={"start_s": 0.0, "stop_s": section.stop_s - section.start_s})
-    scenario = load_coarse_trmm().model_copy(update={"interval": (moved,)})
+    """Simulate noise-free residuals (3,) deg of an interval and Θ (3, 12); its start does not matter on a circular orbit."""
+    shifted = section.model_copy(update={"start_s": 0.0, "stop_s": section.stop_s - section.start_s})
+    scenario = load_coarse_trmm().model_copy(update={"interval": (shifted,)})
     theta, Theta = flight_gap.compute_residuals(flight_gap.simulate_without_noise(scenario))
     return theta[0], Theta[0]
 
 
 def simulate_residuals(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
-    """Noise-free residuals (n, 3) deg and Θ (n, 3, 12) deg per unit, of R (9) as truth and Table 3 as a priori."""
+    """Simulate noise-free residuals (n, 3) deg and Θ (n, 3, 12) deg per unit, R (9) as truth and Table 3 a priori."""
     theta, Theta = zip(*map(_simulate_interval, sections), strict=True)
     return np.array(theta), np.array(Theta)
 
 
 def reverse_intervals(sections: Sequence[IntervalSection], flips: Collection[int]) -> tuple[IntervalSection, ...]:
-    """Intervals of which some have their slews the other way round: yaws reversed; +y forward in place of −y."""
-    out = list(sections)
+    """Reverse the slews of some intervals: yaws in the opposite direction; +y forward in place of −y."""
+    reversed_sections = list(sections)
     for k in flips:
-        slews = tuple(one.model_copy(update={"angle_deg": -one.angle_deg}) for one in sections[k].slew)
-        out[k] = sections[k].model_copy(update={"slew": slews})
-    return tuple(out)
+        slews = tuple(slew.model_copy(update={"angle_deg": -slew.angle_deg}) for slew in sections[k].slew)
+        reversed_sections[k] = sections[k].model_copy(update={"slew": slews})
+    return tuple(reversed_sections)
 
 
 NOISE_FACTORS = np.geomspace(0.1, 10.0, 81)
@@ -138,7 +138,7 @@ class MotionNumbers:
 
 
 def compute_motion_numbers(table: ResidualTable, baseline: Baseline, flips: Collection[int] = ()) -> MotionNumbers:
-    """The motion numbers under a baseline with the slews of some intervals reversed."""
+    """Compute the motion numbers under a baseline with the slews of some intervals reversed."""
     sections = reverse_intervals(baseline.scenario.interval, flips)
     theta, Theta = simulate_residuals(sections)
     shift = table.published - flight.read_published_calibration().vector
@@ -148,7 +148,7 @@ def compute_motion_numbers(table: ResidualTable, baseline: Baseline, flips: Coll
 
 
 def differentiate_by_clock(section: IntervalSection, step_s: float = 4.0) -> Array:
-    """What a second of the interval's start and of its stop does to its residuals while the motion stays, (3, 2) deg/s."""
+    """Differentiate residuals by the interval's start and by its stop while the motion stays, (3, 2) deg/s."""
     later = section.model_copy(update={"stop_s": section.stop_s + step_s})
     slews = tuple(slew.model_copy(update={"start_s": slew.start_s + step_s}) for slew in section.slew)
     hold = section.hold
@@ -164,8 +164,8 @@ def compute_motion_covariance(Theta: Array, sections: Sequence[IntervalSection])
     H = Theta.reshape(18, 12)
     clock = np.zeros((18, 18))
     for k, section in enumerate(sections):
-        moved = differentiate_by_clock(section) * CLOCK_S
-        clock[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = moved @ moved.T / 12
+        change = differentiate_by_clock(section) * CLOCK_S
+        clock[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = change @ change.T / 12
     digits = (INITIAL_DIGITS**2 + PUBLISHED_DIGITS**2) / 12
     G, bias = flight.read_published_corrections(2)
     second = H @ np.concatenate([G.ravel(), np.deg2rad(bias)])
@@ -176,16 +176,16 @@ def compute_motion_covariance(Theta: Array, sections: Sequence[IntervalSection])
 
 
 def compute_noise_numbers(table: ResidualTable, Theta: Array, baseline: Baseline) -> tuple[Array, Array]:
-    """The 42 numbers of the noise, whitened under the baseline, and the share of print in the variance of each, (42,).
+    """Compute the 42 noise numbers, whitened under the baseline, and the variance of rounding in each, (42,).
 
-    c is projected off Θ's columns, which takes out whatever the flight's estimator made of the noise.
+    c is projected on the complement of Θ's columns, which removes the part that the flight's estimator absorbed.
     """
-    total, gyro = baseline.variances()
+    total, gyro = baseline.compute_variances()
     H = Theta.reshape(18, 12) / np.linalg.norm(Theta.reshape(18, 12), axis=0)
     V = np.repeat(total, 3)
     whiten = 1 / np.sqrt(V)
     U = np.linalg.svd(H * whiten[:, None])[0][:, 12:]
-    # Print adds to V but little: kept as a variance of each of the six numbers, without their correlation.
+    # Rounding adds little to V: it enters as a variance of each of the six numbers, without their correlation.
     z = U.T @ (table.after.ravel() * whiten)
     z_print = CELL_DEG**2 / 12 * np.sum((U * whiten[:, None]) ** 2, axis=0)
     columns = [table.before, *table.coarser]
@@ -195,34 +195,35 @@ def compute_noise_numbers(table: ResidualTable, Theta: Array, baseline: Baseline
 
 
 def estimate_noise_level(table: ResidualTable, Theta: Array, baseline: Baseline) -> tuple[float, float, float]:
-    """Noise over the baseline's: log evidence that it is another one, mean and sigma of the factor."""
+    """Estimate the noise over the baseline's: log evidence of another level, mean and sigma of the factor."""
     z, z_print = compute_noise_numbers(table, Theta, baseline)
     variance = np.append(NOISE_FACTORS, 1.0)[:, None] ** 2 + z_print
-    *curve, one = -0.5 * np.sum(z**2 / variance + np.log(variance), axis=1)
-    total = logsumexp(curve)
-    weight = np.exp(curve - total)
+    # log likelihood of each factor, and last of the baseline's own noise; the prior is uniform over the factors
+    *log_likelihoods, log_likelihood_baseline = -0.5 * np.sum(z**2 / variance + np.log(variance), axis=1)
+    total = logsumexp(log_likelihoods)
+    weight = np.exp(log_likelihoods - total)
     mean = float(weight @ NOISE_FACTORS)
     sigma = float(np.sqrt(weight @ (NOISE_FACTORS - mean) ** 2))
-    return float(total - np.log(len(curve)) - one), mean, sigma
+    return float(total - np.log(len(log_likelihoods)) - log_likelihood_baseline), mean, sigma
 
 
-# ---- whether there is a gap, and where -------------------------------------------------------------------------------------
+# ---- tests of a misfit, and its place ------------------------------------------------------------------------------------
 
 
 def adjust_by_holm(p: Array) -> Array:
     """Adjust p-values by Holm's method."""
     order = np.argsort(p)
     adjusted = np.maximum.accumulate(p[order] * np.arange(p.size, 0, -1))
-    out = np.empty_like(p)
-    out[order] = np.minimum(adjusted, 1.0)
-    return out
+    result = np.empty_like(p)
+    result[order] = np.minimum(adjusted, 1.0)
+    return result
 
 
 def compute_misfit_p(table: ResidualTable, baseline: Baseline) -> dict[str, float]:
-    """χ² of the motion's 18 and of the noise's 42 numbers under the baseline, the latter two-sided, and Holm's p of both."""
-    case = compute_motion_numbers(table, baseline)
-    motion_chi2 = float(case.d @ np.linalg.solve(case.covariance, case.d))
-    z, z_print = compute_noise_numbers(table, case.Theta, baseline)
+    """Compute χ² of the 18 motion and 42 noise numbers under the baseline, the latter two-sided, and Holm's p of both."""
+    numbers = compute_motion_numbers(table, baseline)
+    motion_chi2 = float(numbers.d @ np.linalg.solve(numbers.covariance, numbers.d))
+    z, z_print = compute_noise_numbers(table, numbers.Theta, baseline)
     noise_chi2 = float(np.sum(z**2 / (1 + z_print)))
     upper = float(chdtrc(42, noise_chi2))
     p = adjust_by_holm(np.array([chdtrc(18, motion_chi2), 2 * min(upper, 1 - upper)]))
@@ -231,18 +232,18 @@ def compute_misfit_p(table: ResidualTable, baseline: Baseline) -> dict[str, floa
 
 
 def locate_misfit(table: ResidualTable, baseline: Baseline) -> pd.DataFrame:
-    """A row per number: the gap, d and its sigma, and Holm's p over the 18 numbers and over the six intervals."""
-    case = compute_motion_numbers(table, baseline)
-    sigma = np.sqrt(np.diag(case.covariance))
+    """Build a row per number: the gap, d and its sigma, and Holm's p over the 18 numbers and over the intervals."""
+    numbers = compute_motion_numbers(table, baseline)
+    sigma = np.sqrt(np.diag(numbers.covariance))
     blocks = [slice(3 * k, 3 * k + 3) for k in range(6)]
-    chi2 = (case.d / sigma) ** 2
-    interval_chi2 = np.array([case.d[b] @ np.linalg.solve(case.covariance[b, b], case.d[b]) for b in blocks])
+    chi2 = (numbers.d / sigma) ** 2
+    interval_chi2 = np.array([numbers.d[b] @ np.linalg.solve(numbers.covariance[b, b], numbers.d[b]) for b in blocks])
     return pd.DataFrame(
         {
             "interval": [k + 1 for k, _ in RESIDUAL_PLACES],
             "axis": [name for _, name in RESIDUAL_PLACES],
-            "gap_deg": (table.before - case.prediction).ravel(),
-            "beyond_calibration_deg": case.d,
+            "gap_deg": (table.before - numbers.prediction).ravel(),
+            "beyond_calibration_deg": numbers.d,
             "sigma_deg": sigma,
             "p_holm": adjust_by_holm(chdtrc(1, chi2)),
             "interval_p_holm": np.repeat(adjust_by_holm(chdtrc(3, interval_chi2)), 3),

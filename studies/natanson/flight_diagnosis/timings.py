@@ -16,7 +16,7 @@ MEAN_RATES_DEG_S, RAMPS, SHORTEST_STAY_S = (0.1, 0.6), (0.02, 0.5), 3000.0
 
 
 def compute_timings(section: IntervalSection, u: Sequence[float] | Array) -> list[float]:
-    """Timings of an interval's slews, in the order of `TIMING_NAMES`, from numbers between zero and one."""
+    """Compute the timings of an interval's slews, ordered as `TIMING_NAMES`, from numbers between zero and one."""
     length, angle = section.stop_s - section.start_s, abs(section.slew[0].angle_deg)
     slow, fast = MEAN_RATES_DEG_S
     shortest, longest = angle / fast, min(angle / slow, length)
@@ -31,7 +31,7 @@ def compute_timings(section: IntervalSection, u: Sequence[float] | Array) -> lis
 def replace_slew_timings(
     section: IntervalSection, start: float, duration: float, ramp: float, stay: float = 0.0
 ) -> IntervalSection:
-    """An interval with other timings of its slews; the stay is the time between two of them."""
+    """Replace the timings of an interval's slews; the stay is the time between two of them."""
     slews = tuple(
         slew.model_copy(update={"start_s": start + j * stay, "duration_s": duration, "ramp_fraction": ramp})
         for j, slew in enumerate(section.slew)

@@ -1,7 +1,7 @@
-"""The log of a simulated MEMS gyro beside a motion-capture system, as two tables that somebody might have.
+"""The log of a simulated MEMS gyro and a motion-capture system, as two tables like a user's.
 
 Body rates are sums of sines about each axis between two rests. They are constant over each sample of the gyro, so that the
-attitude is an exact product of rotations by scipy, none of the calibrator's own propagation. ω = G ω_raw + b, as everywhere.
+attitude is an exact product of rotations by scipy, independent of the calibrator's propagation. ω = G ω_raw + b, as everywhere.
 """
 
 from dataclasses import dataclass
@@ -40,17 +40,17 @@ def log(rng: np.random.Generator, seconds: float = SECONDS) -> MemsLog:
     """Draw a motion, a gyro and their noise."""
     count = round(seconds / MEMS_SAMPLE_S)
     t = np.arange(count) * MEMS_SAMPLE_S
-    size, frequency, phase = (rng.uniform(*room, (TONES, 3)) for room in (TURN_RATES_DEG_S, FREQUENCIES_HZ, (0.0, 2 * np.pi)))
+    size, frequency, phase = (rng.uniform(*span, (TONES, 3)) for span in (TURN_RATES_DEG_S, FREQUENCIES_HZ, (0.0, 2 * np.pi)))
     omega = np.sum(size * np.sin(2 * np.pi * frequency * t[:, None, None] + phase), axis=1)
-    rising = np.clip(np.minimum(t - REST_S, seconds - REST_S - t), 0.0, 1.0)
-    omega = np.deg2rad(omega * rising[:, None])
+    ramp = np.clip(np.minimum(t - REST_S, seconds - REST_S - t), 0.0, 1.0)
+    omega = np.deg2rad(omega * ramp[:, None])
     G = np.eye(3) + rng.normal(size=(3, 3)) * G_SIGMA
     bias = np.deg2rad(BIAS_DEG_S) * rng.choice([-1.0, 1.0], 3)
     white = rng.normal(size=(count, 3)) * np.deg2rad(MEMS_ARW_DEG_PER_SQRT_S) / np.sqrt(MEMS_SAMPLE_S)
     raw = np.linalg.solve(G, (omega - bias).T).T + white
-    bodies = _integrate_attitudes(omega, Rotation.random(random_state=rng).as_matrix())[::SAMPLES_PER_ATTITUDE]
-    error = Rotation.from_rotvec(rng.normal(size=(len(bodies), 3)) * np.deg2rad(REFERENCE_SIGMA_DEG))
-    q = np.roll((Rotation.from_matrix(bodies) * error).as_quat(), 1, axis=1)
+    attitudes = _integrate_attitudes(omega, Rotation.random(random_state=rng).as_matrix())[::SAMPLES_PER_ATTITUDE]
+    error = Rotation.from_rotvec(rng.normal(size=(len(attitudes), 3)) * np.deg2rad(REFERENCE_SIGMA_DEG))
+    q = np.roll((Rotation.from_matrix(attitudes) * error).as_quat(), 1, axis=1)
     step_ms = round(1e3 * MEMS_SAMPLE_S)
     gyro = pd.DataFrame(np.rad2deg(raw), columns=["gx", "gy", "gz"])
     attitude = pd.DataFrame(q, columns=["qw", "qx", "qy", "qz"])
@@ -60,7 +60,7 @@ def log(rng: np.random.Generator, seconds: float = SECONDS) -> MemsLog:
 
 
 def _integrate_attitudes(omega: Array, start: Array) -> Array:
-    """(n + 1, 3, 3) body-to-world matrices: C ← C exp([ω×]Δt)."""
+    """Integrate body-to-world matrices (n + 1, 3, 3): C ← C exp([ω×]Δt)."""
     steps = Rotation.from_rotvec(omega * MEMS_SAMPLE_S).as_matrix()
     out = np.empty((len(steps) + 1, 3, 3))
     out[0] = start

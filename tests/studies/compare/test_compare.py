@@ -8,9 +8,9 @@ from diagnosis.diagnose import diagnose
 from gyrocal import calibrate
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
 from simulator.effects import parse
-from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
+from studies.compare.prepared_scenario import PreparedScenario
 from tests.diagnosis import recordings
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
@@ -62,22 +62,22 @@ def test_of_another_recording_the_parameters_are_judged(orbital):
 def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, effect):
     recording, scenario = orbital
     one = replace(scenario, effects=(parse(effect),), covariance=None)
-    bench = PreparedScenario.build(one, recording, MeasurementSetup.build(recording, calibrate(recording).parameters), "one")
-    left, without = bench.stated.subtract_from(one.fly(3, 1)), one.fly(3, 1, effects=())
+    prepared = PreparedScenario.build(one, recording, MeasurementSetup.build(recording, calibrate(recording).parameters), "one")
+    left, without = prepared.stated.subtract_from(one.fly(3, 1)), one.fly(3, 1, effects=())
     np.testing.assert_allclose(left.gyro.rates, without.gyro.rates, rtol=0, atol=1e-15)
     # The reference's error turns a noisy attitude in place of the true one: a product of the two.
     np.testing.assert_allclose(left.attitudes.quaternions, without.attitudes.quaternions, rtol=0, atol=1e-7)
-    assert bench.ruler.misfit(left) == pytest.approx(bench.ruler.misfit(without), abs=1e-4)
+    assert prepared.setup.misfit(left) == pytest.approx(prepared.setup.misfit(without), abs=1e-4)
 
 
 def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     recording, scenario = orbital
-    ruler = MeasurementSetup.build(recording, calibrate(recording).parameters)
-    bench = PreparedScenario.build(scenario, recording, ruler, "adopted")
-    assert bench.fitted
-    assert bench.W.shape[1] == 2
-    dof = ruler.degrees_of_freedom
-    mean = np.mean([bench.fly(4, case).under.mean_square for case in range(60)])
+    setup = MeasurementSetup.build(recording, calibrate(recording).parameters)
+    prepared = PreparedScenario.build(scenario, recording, setup, "adopted")
+    assert prepared.fitted
+    assert prepared.W.shape[1] == 2
+    dof = setup.degrees_of_freedom
+    mean = np.mean([prepared.fly(4, case).under.mean_square for case in range(60)])
     assert mean == pytest.approx((dof - 2) / dof, abs=4 * np.sqrt(2 / dof / 60))
     # The posterior is that of least squares with a wide prior: tr(W C Wᵀ) is the number of amplitudes.
-    assert bench.size_error * dof == pytest.approx(2, rel=0.2)
+    assert prepared.size_error * dof == pytest.approx(2, rel=0.2)

@@ -35,7 +35,7 @@ def end_to_end(seed):
     published = table.round_to_digits(GyroParameters(result.G, result.bias).vector, table.PUBLISHED_DIGITS)
     before, after = cells(initial), cells(result.parameters)
     # Of no concern here: columns at the coarser steps, with the noise they should have.
-    gyro = PRESENT.variances()[1][:, None] * np.array([1.0, 2.0])[:, None, None]
+    gyro = PRESENT.compute_variances()[1][:, None] * np.array([1.0, 2.0])[:, None, None]
     coarser = before + np.cumsum(generator(11, seed, "steps").normal(size=(2, 6, 3)) * np.sqrt(gyro), axis=0)
     return table.ResidualTable(
         *(table.round_to_digits(values, table.CELL_DEG) for values in (before, after, coarser)), published

@@ -37,7 +37,7 @@ def result(recording):
 
 @pytest.mark.usefixtures("blank_figures")
 def test_page_is_whole(result):
-    page = checked(report.build_calibration_page(result, "Held-out.", made=MADE).render_html())
+    page = checked(report.build_calibration_page(result, "Held-out.", provenance=MADE).render_html())
     assert set(page.figures) == {"forest", "residuals"}
     assert all(len(alt) > 60 for alt in page.figures.values())
     assert page.words.count(result.verdict.summary.rstrip(".")) >= 1

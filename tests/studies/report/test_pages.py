@@ -30,7 +30,7 @@ PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()
     "heading": Page("t", [Section(SAID, [])]),
     "title": Page("t", [], short=SAID),
     "answer": Page("t", [], Answer("", picture(), SAID, {})),
-    "footer": Page("t", [], made=ProvenanceFooter("1", "2026-01-01", SAID)),
+    "footer": Page("t", [], provenance=ProvenanceFooter("1", "2026-01-01", SAID)),
 }
 
 
