@@ -199,14 +199,14 @@ def describe_share(row: Mapping[Any, Any], name: str) -> str:
 
 
 def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
-    """Count the verdicts, and list the causes that are identified in every trial."""
+    """Count the verdicts, and list the causes that are identified in every trial, alone or in a group."""
     counts = ", ".join(f"{verdict} {count}" for verdict, count in trials["verdict"].value_counts().items())
-    identified = causes[causes["probability"] >= DEFAULT.named] if len(causes) else pd.DataFrame({"cause": []})
-    counted = identified["cause"].value_counts().sort_index().items()
-    causes_of_all = [str(cause) for cause, count in counted if count == len(trials)]
+    identified = causes[causes["probability"] >= DEFAULT.named] if len(causes) else pd.DataFrame(columns=["trial", "group"])
+    members = [set(", ".join(groups).split(", ")) for _, groups in identified.groupby("trial")["group"]]
+    common = set.intersection(*members) if len(members) == len(trials) else set()
     return [
         Check(f"verdicts of {len(trials)} trials", counts),
-        Check("causes identified in every trial", ", ".join(causes_of_all) or "none"),
+        Check("causes identified in every trial", ", ".join(sorted(common)) or "none"),
     ]
 
 
