@@ -1,4 +1,4 @@
-"""Raw tables of the attitude sensors in a recording: counts, penetration angles, and where spacecraft and Sun are.
+"""Raw tables of the attitude sensors in a recording: counts, penetration angles, and positions of spacecraft and Sun.
 
 sun_sensor
     t_s, sensor (1, 2, …), count_alpha, count_beta; a row only where the Sun is in view
@@ -7,9 +7,9 @@ earth_sensor
 ephemeris
     t_s, position_x_m, position_y_m, position_z_m from the Earth's centre, sun_x, sun_y, sun_z a unit vector; inertial
 
-An orbit's period, altitude and inclination say neither where the spacecraft is nor where the Sun stands; the ephemeris does,
-and has a row for every tag of the two others. A sun_sensor or earth_sensor table with none of these columns but t_s is of some
-other kind and left as it is.
+An orbit's period, altitude and inclination give neither the position of the spacecraft nor that of the Sun; the ephemeris does,
+and has a row for every tag of the two others. A sun_sensor or earth_sensor table with none of these columns but t_s is of
+another kind and is not read.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
 USED = tuple(f"used_{i}" for i in range(1, 5))
 POSITION = ("position_x_m", "position_y_m", "position_z_m")
 SUN_DIRECTION_COLUMNS = ("sun_x", "sun_y", "sun_z")
-OWN_COLUMNS = {  # of each table: with one of them it is meant to be such a table
+OWN_COLUMNS = {  # of each table: a table with one of them is read as such
     "sun_sensor": ("sensor", *SUN_COUNT_COLUMNS),
     "earth_sensor": (*PENETRATIONS, *USED),
     "ephemeris": ("t_s", *POSITION, *SUN_DIRECTION_COLUMNS),
 }
 SAME_TIME_S = 1e-6
 UNIT = 1e-5  # |s| − 1 of a direction written with six digits
-NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
+NEAREST_M = 6.3e6  # smallest distance of an orbit from the Earth's centre
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class SunCounts:
     counts: Array  # (n, 2) of the α and the β head
 
     def select_sensor(self, number: int) -> tuple[Array, Array]:
-        """Times (k,) and counts (k, 2) of one sensor."""
-        own = self.sensor == number
-        return self.t_s[own], self.counts[own]
+        """Return times (k,) and counts (k, 2) of one sensor."""
+        rows = self.sensor == number
+        return self.t_s[rows], self.counts[rows]
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,15 @@ class Ephemeris:
     sun: Array  # (n, 3) unit vectors, inertial
 
     def rows(self, t_s: Array) -> Indices:
-        """Rows of some times, each of which is there."""
+        """Find the rows of times (k,) of the ephemeris."""
         return np.searchsorted(self.t_s, t_s - SAME_TIME_S)
 
 
 @dataclass(frozen=True)
 class SensorTables:
-    """The raw tables of a recording's attitude sensors; None for one that is not there.
+    """The raw tables of a recording's attitude sensors; None for an absent one.
 
-    An `InputError` if a sensor has a tag that the ephemeris lacks.
+    An `InputError` if a sensor has a tag that is absent in the ephemeris.
     """
 
     sun: SunCounts | None = None
@@ -103,12 +103,12 @@ class SensorTables:
 
 
 def list_known_tables(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
-    """Names of the tables that `read` understands, or that try to be so."""
-    return tuple(name for name, own in OWN_COLUMNS.items() if name in frames and set(own) & set(frames[name].columns))
+    """List the names of the tables that `read` reads."""
+    return tuple(name for name, columns in OWN_COLUMNS.items() if name in frames and set(columns) & set(frames[name].columns))
 
 
 def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
-    """The sensors' tables among those of a recording; None if there is none of them."""
+    """Read the sensors' tables among those of a recording; None if there are none."""
     names = list_known_tables(frames)
     if not names:
         return None
@@ -120,7 +120,7 @@ def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
 
 
 def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
-    """The tables as they are on file."""
+    """Build the tables as on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     out = {}
@@ -141,6 +141,7 @@ def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
 
 
 def _read_sun(frame: pd.DataFrame) -> SunCounts:
+    """Read the counts of the sun sensors; an `InputError` names the first bad row."""
     name = "sun_sensor"
     t_s, sensor = (_read_numbers(frame, name, (column,))[:, 0] for column in ("t_s", "sensor"))
     counts = _read_numbers(frame, name, SUN_COUNT_COLUMNS)
@@ -149,14 +150,15 @@ def _read_sun(frame: pd.DataFrame) -> SunCounts:
     _refuse(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
     _refuse(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
     for number in np.unique(sensor):
-        own = np.flatnonzero(sensor == number)
-        again = np.zeros(t_s.size, dtype=bool)
-        again[own] = np.diff(t_s[own], prepend=-np.inf) <= 0
-        _refuse(name, again, f"sensor {number:g} has two rows of one time")
+        rows = np.flatnonzero(sensor == number)
+        is_repeated = np.zeros(t_s.size, dtype=bool)
+        is_repeated[rows] = np.diff(t_s[rows], prepend=-np.inf) <= 0
+        _refuse(name, is_repeated, f"sensor {number:g} has two rows of one time")
     return SunCounts(t_s, sensor.astype(np.int64), counts)
 
 
 def _read_earth(frame: pd.DataFrame) -> PenetrationAngles:
+    """Read the penetration angles of the Earth sensor; an `InputError` names the first bad row."""
     name = "earth_sensor"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     used = _read_numbers(frame, name, USED)
@@ -170,6 +172,7 @@ def _read_earth(frame: pd.DataFrame) -> PenetrationAngles:
 
 
 def _read_ephemeris(frame: pd.DataFrame) -> Ephemeris:
+    """Read positions and directions of the Sun; an `InputError` names the first bad row."""
     name = "ephemeris"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     position, sun = _read_numbers(frame, name, POSITION), _read_numbers(frame, name, SUN_DIRECTION_COLUMNS)
@@ -181,6 +184,7 @@ def _read_ephemeris(frame: pd.DataFrame) -> Ephemeris:
 
 
 def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], finite: bool = True) -> Array:
+    """Read columns of a table as numbers (n, columns)."""
     missing = [column for column in columns if column not in frame.columns]
     if missing:
         raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, frame.columns))}")
@@ -194,5 +198,6 @@ def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], fini
 
 
 def _refuse(name: str, bad: Mask, what: str) -> None:
+    """Refuse a table with bad rows (n,), and name the first."""
     if bad.any():
         raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")
