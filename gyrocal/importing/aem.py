@@ -19,7 +19,7 @@ import os
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,7 +27,7 @@ import numpy as np
 
 from gyrocal.arrays import Array
 from gyrocal.errors import InputError
-from gyrocal.importing.units import GPS_EPOCH, NANO, UNIX_EPOCH, WEEK_S, Clock
+from gyrocal.importing.units import NANO, WEEK_S, Clock, convert_to_second
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -244,7 +244,6 @@ def _parse_time(text: str, system: str) -> tuple[int, float]:
     """Return whole seconds since the epoch of a time scale, and the rest; a `ValueError` if it is no date."""
     head, _, fraction = text.rstrip("Z").partition(".")
     form = "%Y-%m-%dT%H:%M:%S" if head.count("-") == 2 else "%Y-%jT%H:%M:%S"
-    start = UNIX_EPOCH if system.upper() == "UTC" else GPS_EPOCH
-    since = datetime.strptime(head, form).replace(tzinfo=start.tzinfo) - start
-    whole = since // timedelta(seconds=1) - (TAI_GPS_S if system.upper() == "TAI" else 0)
+    whole = convert_to_second(datetime.strptime(head, form).replace(tzinfo=UTC), "UTC" if system.upper() == "UTC" else "GPS")
+    whole -= TAI_GPS_S if system.upper() == "TAI" else 0
     return whole, float(f"0.{fraction}") if fraction else 0.0

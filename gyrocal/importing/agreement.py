@@ -193,7 +193,7 @@ def evaluate_agreement(
     scales = _list_scales(unit, time_unit)
     pairs = _pair_rates(Tags(windows), attitudes)
     named = [reading for pair in pairs for reading in _list_readings(pair, scales, SIGNED_AXES)]
-    if _find_smallest_residual(named) > FITTING_RESIDUAL:
+    if not any(reading.residual <= FITTING_RESIDUAL for reading in named):
         aligned = [pair for tags in _align_tags(windows, attitudes, accumulated) for pair in _pair_rates(tags, attitudes)]
         named += [reading for pair in aligned if pair.tags.factor == 1 for reading in _list_readings(pair, scales, SIGNED_AXES)]
         pairs += aligned
@@ -261,17 +261,11 @@ def _evaluate_as_read(windows: Motion) -> float:
     return min(_compute_rms(residual) / _compute_rms(reference), centred)
 
 
-def _find_smallest_residual(readings: Sequence[Reading]) -> float:
-    return min((reading.residual for reading in readings), default=np.inf)
-
-
-def _choose_reading(
-    readings: Sequence[Reading], previous: Reading | None, previous_residual: float
-) -> tuple[Reading | None, float]:
+def _choose_reading(readings: Sequence[Reading], previous: Reading | None, residual: float) -> tuple[Reading | None, float]:
     """Choose the reading with the fewest changes among those that fit best; the previous one unless its residual halves."""
-    smallest = _find_smallest_residual(readings)
-    if smallest > LARGEST_RESIDUAL_RATIO * previous_residual:
-        return previous, previous_residual
+    smallest = min((reading.residual for reading in readings), default=np.inf)
+    if smallest > LARGEST_RESIDUAL_RATIO * residual:
+        return previous, residual
     good = [reading for reading in readings if reading.residual <= max(RESIDUAL_TIE_FACTOR * smallest, smallest + 0.02)]
     best = min(good, key=lambda candidate: (candidate.count, candidate.residual))
     is_tied = best.kind == "named" and sum(reading.count == best.count for reading in good) > 1
@@ -302,9 +296,7 @@ def _align_tags(windows: Motion, attitudes: Sequence[AttitudeReading], accumulat
     out = []
     for with_clock in (False, True):
         allowed = [tags for tags in shifted if with_clock or tags.factor == 1]
-        candidates = [
-            tags._replace(windows=replace(tags.windows, q=attitude.q)) for tags, attitude in product(allowed, attitudes)
-        ]
+        candidates = [tags._replace(windows=replace(tags.windows, q=read.q)) for tags, read in product(allowed, attitudes)]
         nearest = min(candidates, key=lambda candidate: _compute_orthogonal_misfit(candidate.windows))
         fit = refine(nearest.windows, reverse=False, with_clock=with_clock, mirrored=True)
         if fit is None:
@@ -398,8 +390,8 @@ def _list_free_axes(pair: RatePair, scales: Mapping[str, float], G: Array) -> li
     if not words:
         return []
     factor = float(np.median(1 / (size * length)))
-    known = _find_scale(factor, scales)
-    scaled = f"the rates times {factor:.4g} ({FACTOR})" if known is None else known
+    scale_name = _find_scale(factor, scales)
+    scaled = f"the rates times {factor:.4g} ({FACTOR})" if scale_name is None else scale_name
     changes = (*pair.words, *filter(None, (scaled,)), *words, *pair.tags.words)
     kind: Literal["named", "axes"] = "named" if odd_factor else "axes"
     return [Reading(kind, changes, len(changes), residual / _compute_rms(r), pair.tags.offset_s)]

@@ -144,10 +144,10 @@ def estimate_alignment(
         return best
     # Without a clock rate the offset is that of the whole recording.
     windows = build_motion(t_s, rates, sample_s, t_ref + best.offset_s, q)
-    near = None if windows is None else refine(windows, best.reverse, with_clock=False)
-    if near is None:
+    offset_fit = None if windows is None else refine(windows, best.reverse, with_clock=False)
+    if offset_fit is None:
         return best
-    return replace(best, offset_s=best.offset_s + near.offset_s)
+    return replace(best, offset_s=best.offset_s + offset_fit.offset_s)
 
 
 def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True, mirrored: bool = False) -> Alignment | None:
@@ -202,21 +202,12 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool, mirrored: bool) -> Al
     cov = _compute_covariance(J, residual, N, time_share) / np.outer(size, size)
     r0 = reference[inside] - reference[inside].mean(axis=0)
     turn_sigma = _compute_turn_sigma(np.sqrt(np.diag(cov)[2:5]), current.C, residual, r0)
-    clock = _convert_to_offset(current.at_centre, current.rate, centre), 1 / (1 + current.rate)
+    offset, factor = clock = _convert_to_offset(current.at_centre, current.rate, centre), 1 / (1 + current.rate)
     sigmas = _compute_time_sigmas(windows, reference, clock, inside, since_centre, with_clock * centre)
-    return Alignment(
-        offset_s=clock[0],
-        offset_sigma=sigmas[0],
-        time_factor=clock[1],
-        time_sigma=sigmas[1],
-        reverse=reverse,
-        C=np.asarray(current.C),
-        turn_sigma=turn_sigma,
-        factor=current.scale,
-        factor_sigma=float(current.scale * np.sqrt(cov[5, 5])),
-        bias=current.bias,
-        residual=float(np.sqrt(np.sum(residual * residual) / max(np.sum(r0 * r0), 1e-300))),
-    )
+    share = float(np.sqrt(np.sum(residual * residual) / max(np.sum(r0 * r0), 1e-300)))
+    scale, scale_sigma = current.scale, float(current.scale * np.sqrt(cov[5, 5]))
+    times = offset, sigmas[0], factor, sigmas[1]
+    return Alignment(*times, reverse, np.asarray(current.C), turn_sigma, scale, scale_sigma, current.bias, share)
 
 
 def _estimate_start(windows: Motion, reference: Array, mirrored: bool) -> _Parameters | None:
@@ -338,10 +329,9 @@ def _compute_covariance(J: Array, residual: Array, N: Array, time_share: Array) 
         correlated += (1 - lag / (CORRELATED_CLUSTERS + 1)) * (product + product.T)
     # A parameter that only the prior determines has at least the uncertainty given by the size of the residual.
     prior_variance = PRIOR_STRENGTH * float(np.mean(np.square(residual))) * np.eye(len(N))
-    C, C_correlated = (
-        inverse @ (scatter * len(sums) / max(len(sums) - 5, 1) + prior_variance) @ inverse for scatter in (variance, correlated)
-    )
-    inflation = np.sqrt(np.maximum(np.diag(C_correlated) / np.diag(C), 1.0))
+    degrees = max(len(sums) - 5, 1)
+    C, slow = (inverse @ (scatter * len(sums) / degrees + prior_variance) @ inverse for scatter in (variance, correlated))
+    inflation = np.sqrt(np.maximum(np.diag(slow) / np.diag(C), 1.0))
     return np.asarray(C * np.outer(inflation, inflation))
 
 

@@ -108,8 +108,8 @@ def import_streams(streams: Streams, mapping: Mapping, notes: Sequence[str] = ()
         raise InputError("too few attitudes within the gyro's time to compare the two")
     mask = _find_mask(streams, mapping, G, body)
     if not body.sensors:
-        kept = ~mask.mark_false_references(body.t_s)
-        body = BodyAttitudes(body.t_s[kept], body.q[kept])
+        is_valid = ~mask.mark_false_references(body.t_s)
+        body = BodyAttitudes(body.t_s[is_valid], body.q[is_valid])
     agreement = _evaluate_mapping(windows, mapping, streams.sensors[0], G if streams.gyros is None else None)
     _check_agreement(agreement, streams, mapping, rates, body, windows, notes)
     alignment = refine(windows, reverse=False, with_clock=False)
@@ -122,11 +122,9 @@ def import_streams(streams: Streams, mapping: Mapping, notes: Sequence[str] = ()
         notes += streams.gyros.describe(noise)
         warnings.append(streams.gyros.find_disagreement(noise))
     references, joined = build_references(streams, body, interval_rows, mapping, stated, gyro, notes)
-    tables = {}
+    tables = {TABLE: mask.to_frame()} if mask else {}
     if streams.temperature is not None:
-        tables["housekeeping"] = pd.DataFrame(streams.temperature, columns=TEMPERATURE_COLUMNS)
-    if mask:
-        tables[TABLE] = mask.to_frame()
+        tables = {"housekeeping": pd.DataFrame(streams.temperature, columns=TEMPERATURE_COLUMNS), **tables}
     intervals = [build_interval(body.t_s, rows, rests, streams.t_s, k) for k, rows in enumerate(interval_rows, 1)]
     recording = Recording(
         title=mapping.title or "imported",
@@ -221,8 +219,7 @@ def _evaluate_mapping(windows: Motion, mapping: Mapping, sensor: Sensor, G: Arra
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
     alternatives = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
     time_unit = {"unix": "s"}.get(time_unit, time_unit)
-    accumulated = mapping.gyro_factor[1]
-    return evaluate_agreement(windows, mapping.gyro_unit, time_unit, order, reverse, alternatives, G, accumulated)
+    return evaluate_agreement(windows, mapping.gyro_unit, time_unit, order, reverse, alternatives, G, mapping.is_accumulated)
 
 
 def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[AttitudeReading]:
@@ -245,13 +242,7 @@ def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> 
 
 
 def _check_agreement(
-    agreement: Agreement,
-    streams: Streams,
-    mapping: Mapping,
-    rates: Array,
-    body: BodyAttitudes,
-    windows: Motion,
-    notes: list[str],
+    result: Agreement, streams: Streams, mapping: Mapping, rates: Array, body: BodyAttitudes, windows: Motion, notes: list[str]
 ) -> None:
     """Refuse rates and attitudes that do not fit each other; otherwise note the misfit.
 
@@ -259,16 +250,16 @@ def _check_agreement(
     attitudes, their mean rates cannot be compared. Each attitude, propagated with the gyro as read, must then reach the next:
     a wrong reading does not do so several times by chance.
     """
-    best = agreement.best
+    best = result.best
     kind = "" if best is None else best.kind
-    if agreement.fits:
-        notes.append(agreement.summary)
+    if result.fits:
+        notes.append(result.summary)
         if best is not None:
             notes.append(f"the calibration may start nearer: {best.sentence}")
         return
     late_s = MOST_LATE_SAMPLES * streams.sample_s
     if best is not None and kind == "named" and best.count == 1 and 0 < abs(best.offset_s) <= late_s and not mapping.unchecked:
-        notes.append(f"{agreement.sentence}; an offset as small as this is not undone")
+        notes.append(f"{result.sentence}; an offset as small as this is not undone")
         return
     if kind != "named" and (kind != "alignment" or windows.is_coarse):
         try:
@@ -280,13 +271,13 @@ def _check_agreement(
             notes.append(f"the gyro leads from each attitude used to the next within {np.rad2deg(miss):.2g} deg")
             return
     if not mapping.unchecked:
-        raise InputError(agreement.sentence)
-    notes.append(f"imported unchecked although {agreement.sentence}")
+        raise InputError(result.sentence)
+    notes.append(f"imported unchecked although {result.sentence}")
 
 
 def _align(streams: Streams, mapping: Mapping, notes: list[str]) -> tuple[Streams, Mapping]:
     """Estimate the alignment from the rates of both sides; return streams and mapping with its significant parts applied."""
-    accumulated = mapping.gyro_factor[1]
+    accumulated = mapping.is_accumulated
     if mapping.mountings is not None:
         raise InputError("align: goes with no mountings of attitude sensors; give the sensors one by one")
     first = streams.sensors[0]
@@ -337,19 +328,17 @@ def _exchange_direction(text: str) -> str:
     return ":".join("-to-".join(word.split("-to-")[::-1]) if word in ATTITUDE_DIRECTIONS else word for word in words)
 
 
-def _list_warnings(
-    agreement: Agreement, mapping: Mapping, alignment: Alignment | None, gyro: GyroStream, has_rest: bool
-) -> list[str]:
+def _list_warnings(result: Agreement, mapping: Mapping, fit: Alignment | None, gyro: GyroStream, has_rest: bool) -> list[str]:
     """List implausible values, which are shown first."""
     out = []
-    if agreement.residual > FITTING_RESIDUAL:
-        out.append(f"rates and attitudes differ by {100 * agreement.residual:.0f} % of the motion")
+    if result.residual > FITTING_RESIDUAL:
+        out.append(f"rates and attitudes differ by {100 * result.residual:.0f} % of the motion")
     if not 1 / LARGEST_FACTOR <= mapping.rate_factor <= LARGEST_FACTOR:
         out.append(
             f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"
         )
-    if has_rest and alignment is not None and mapping.bias_deg_s is None:
-        bias_change = float(np.linalg.norm(alignment.bias - gyro.apriori_bias))
+    if has_rest and fit is not None and mapping.bias_deg_s is None:
+        bias_change = float(np.linalg.norm(fit.bias - gyro.apriori_bias))
         rms_rate = float(np.sqrt(np.mean(np.sum(np.square(gyro.rates + gyro.apriori_bias), axis=1))))
         if bias_change > LARGEST_START_BIAS_SHARE * rms_rate:
             off, rms = np.rad2deg([bias_change, rms_rate])

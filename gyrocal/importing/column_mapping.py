@@ -22,7 +22,6 @@ from shlex import quote
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +29,7 @@ from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import format_validation_error, read_toml
-from gyrocal.recording.checks import NORM_TOLERANCE
+from gyrocal.recording.checks import NORM_TOLERANCE, refuse_rows
 from gyrocal.recording.header import IntervalHeader
 
 ATTITUDE_DIRECTIONS = {
@@ -130,6 +129,11 @@ class Mapping(BaseModel):
     def gyro_factor(self) -> tuple[float, bool]:
         """Factor from the unit of the gyro's columns to rad/s or rad, and whether they are accumulated angles."""
         return compute_gyro_factor(self.gyro_unit, self.lsb)
+
+    @property
+    def is_accumulated(self) -> bool:
+        """Whether the gyro's columns are accumulated angles."""
+        return self.gyro_factor[1]
 
     @property
     def attitude(self) -> str:
@@ -288,14 +292,14 @@ def convert_attitude(kind: str, text: str, values: Array) -> Array:
     if kind == "quat":
         q = np.roll(values, -1, axis=1) if is_scalar_first(names, words) else values
         norm = np.linalg.norm(q, axis=1)
-        _refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
+        refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
         rotation = Rotation.from_quat(q)
     elif kind == "euler":
         rotation = _convert_euler_angles(text, others, values)
     else:
         M = values.reshape(-1, 3, 3)
         deviation = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        _refuse_rows(kind, (deviation > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
+        refuse_rows(kind, (deviation > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
         rotation = Rotation.from_matrix(M)
     return np.asarray((rotation.inv() if reversals[0] else rotation).as_quat())
 
@@ -310,9 +314,3 @@ def _convert_euler_angles(text: str, words: list[str], values: Array) -> Rotatio
         return Rotation.from_euler(sequence[0], values, degrees=unit[0] == "deg")
     except ValueError as fault:
         raise InputError(f"euler: {sequence[0]}: {fault}") from None
-
-
-def _refuse_rows(kind: str, bad: NDArray[np.bool_], what: str) -> None:
-    """Refuse a table with bad rows (m,), and name the first."""
-    if bad.any():
-        raise InputError(f"{kind}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

@@ -12,19 +12,13 @@ import pandas as pd
 
 from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.errors import InputError
-from gyrocal.importing.column_mapping import (
-    ATTITUDE_DIRECTIONS,
-    COLUMN_NUMBER,
-    EULER_SEQUENCE,
-    QUATERNION_ORDERS,
-    Mapping,
-    find_name,
-)
+from gyrocal.importing import column_mapping
+from gyrocal.importing.column_mapping import COLUMN_NUMBER, EULER_SEQUENCE, Mapping, find_name
 from gyrocal.importing.units import COUNTS_UNIT, INCREMENT_UNITS, TIME_WORDS
 
 MAPPING_WORDS = {
-    *ATTITUDE_DIRECTIONS,
-    *QUATERNION_ORDERS,
+    *column_mapping.ATTITUDE_DIRECTIONS,
+    *column_mapping.QUATERNION_ORDERS,
     *ANGLE_UNITS,
     *RATE_UNITS,
     *INCREMENT_UNITS,

@@ -59,22 +59,19 @@ def _build_span(interval: Interval, fraction_s: float) -> dict[str, Any]:
 
 
 def _insert_times(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any], float]:
-    """Replace t_s by times on the recording's time scale.
-
-    Returns the table, the entries of a mapping that read its times, and the fraction of a second of the epoch, s.
-    """
+    """Replace t_s by times of the recording's time scale; also return mapping entries, and the epoch's fraction of a second."""
     scale = recording.time_scale.upper()
     epoch = parse_date(recording.epoch)
-    whole, values = epoch.replace(microsecond=0), table.drop(columns="t_s")
+    second, values = epoch.replace(microsecond=0), table.drop(columns="t_s")
     nanoseconds = np.round(table["t_s"].to_numpy(dtype=np.float64) * NANO).astype(np.int64) + epoch.microsecond * 1000
     unix = convert_to_second(epoch, "UTC")
     if scale == "UTC" and UNIX_RANGE_S[0] < unix < UNIX_RANGE_S[1]:
         values.insert(0, "unix_ns", unix * NANO + nanoseconds)
-        return values, {"time": "unix_ns:ns", "epoch": whole.isoformat()}, epoch.microsecond / 1e6
+        return values, {"time": "unix_ns:ns", "epoch": second.isoformat()}, epoch.microsecond / 1e6
     if scale == "GPS":
         seconds = convert_to_second(epoch, "GPS") + nanoseconds // NANO
         values.insert(0, "gps_week", seconds // WEEK_S)
         values.insert(1, "gps_second", seconds % WEEK_S + nanoseconds % NANO / NANO)
-        entries = {"time": "gps_week,gps_second:gps", "epoch": whole.replace(tzinfo=None).isoformat()}
+        entries = {"time": "gps_week,gps_second:gps", "epoch": second.replace(tzinfo=None).isoformat()}
         return values, entries, epoch.microsecond / 1e6
     return table, {"time": "t_s:s", "epoch": recording.epoch}, 0.0

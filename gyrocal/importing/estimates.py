@@ -116,10 +116,7 @@ def estimate_walk(
 def estimate_reference_sigma(
     gyro: GyroStream, body: BodyAttitudes, interval_rows: list[Indices], notes: list[str]
 ) -> tuple[Array, float]:
-    """Estimate the 1-sigma (3,) of the references about the body's axes, rad, and its degrees of freedom.
-
-    An `InputError` if there are too few turns, or if the references scatter less than the gyro.
-    """
+    """Estimate the 1-sigma (3,) of the references about the body's axes, rad, and its degrees of freedom."""
     fit = _find_reference_sigma(gyro, body.t_s, body.q, interval_rows, np.eye(3))
     if fit is None:
         raise InputError(
@@ -163,19 +160,17 @@ def _describe_bounds(fit: ReferenceSigma) -> str:
     return f" (about {axes} an upper bound of 95 %, since the gyro's noise hides it)" if axes else ""
 
 
-def _find_reference_sigma(
-    gyro: GyroStream, t_s: Array, q: Array, interval_rows: list[Indices], M: Array
-) -> ReferenceSigma | None:
+def _find_reference_sigma(gyro: GyroStream, t_s: Array, q: Array, thinned: list[Indices], M: Array) -> ReferenceSigma | None:
     """Estimate the sigma of body attitudes (m, 4) about the body's axes rotated by M; None if there are too few.
 
-    It is zero if the attitudes scatter less than the gyro. All attitudes of the intervals are used. If the thinned ones of
-    interval_rows scatter significantly more, neighbouring attitudes share errors, and the thinned ones are used.
+    It is zero if the attitudes scatter less than the gyro. All attitudes of the intervals are used. If the thinned ones (rows
+    by interval) scatter significantly more, neighbouring attitudes share errors, and the thinned ones are used.
     """
-    thinned_pairs = _list_pairs(gyro, t_s, interval_rows)
+    thinned_pairs = _list_pairs(gyro, t_s, thinned)
     if len(thinned_pairs) < FEWEST_PAIRS:
         return None
     fit = fit_reference_sigma(compute_turns(gyro, t_s, q, thinned_pairs).rotate(M), gyro.arw, gyro.arw_degrees)
-    all_pairs = _list_pairs(gyro, t_s, [_select_all_rows(t_s, rows, gyro.sample_s) for rows in interval_rows])
+    all_pairs = _list_pairs(gyro, t_s, [_select_all_rows(t_s, rows, gyro.sample_s) for rows in thinned])
     if all_pairs == thinned_pairs or not fit.sigma.any():
         return fit
     dense_fit = fit_reference_sigma(compute_turns(gyro, t_s, q, all_pairs).rotate(M), gyro.arw, gyro.arw_degrees)
@@ -194,9 +189,8 @@ def _list_pairs(gyro: GyroStream, t_ref: Array, interval_rows: list[Indices]) ->
     """List neighbouring references of the intervals without a gap of the gyro between them, at most about `MOST_TURNS`."""
     longest = GAP_SAMPLES * gyro.sample_s
     sample = np.clip(np.searchsorted(gyro.t_s, t_ref + TAG_ROUNDING * gyro.sample_s, side="right") - 1, 0, None)
-    stretch = np.concatenate([[0.0], np.cumsum(np.diff(gyro.t_s) > longest)])[sample] + 0.5 * (
-        t_ref - gyro.t_s[sample] > longest
-    )
+    # Number of the stretch without a gap; a reference in a gap has the half after it.
+    stretch = np.append(0.0, np.cumsum(np.diff(gyro.t_s) > longest))[sample] + 0.5 * (t_ref - gyro.t_s[sample] > longest)
     pairs = [(a, b) for rows in interval_rows for a, b in pairwise(rows.tolist()) if stretch[a] == stretch[b]]
     # Of many pairs, blocks of consecutive ones at even distances.
     blocks = [pairs[k : k + BLOCK] for k in range(0, len(pairs), BLOCK)]

@@ -50,17 +50,17 @@ def import_euroc(
         raise InputError(
             f"{folder}: not a folder of the EuRoC form: mav0/imu0/data.csv and one of {', '.join(REFERENCE_FOLDERS)}"
         )
-    chosen = reference or existing[0]
-    gyro, attitude = read_csv(root / "imu0" / "data.csv"), read_csv(root / chosen / "data.csv")
-    notes = [f"attitudes are those of {chosen}"]
-    if chosen == ESTIMATED:
+    reference_folder = reference or existing[0]
+    gyro, attitude = read_csv(root / "imu0" / "data.csv"), read_csv(root / reference_folder / "data.csv")
+    notes = [f"attitudes are those of {reference_folder}"]
+    if reference_folder == ESTIMATED:
         notes.append(f"{ESTIMATED} was estimated with the gyro itself: what it says of the gyro is not independent of it")
     sheet = root / "imu0" / "sensor.yaml"
     if stated_noise and "arw_deg_per_sqrt_s" not in entries and sheet.is_file():
         entries["arw_deg_per_sqrt_s"] = _read_noise_density(sheet)
         notes.append("the angle random walk is the noise density of imu0/sensor.yaml")
-    names = _find_columns(attitude, EUROC_QUATERNION_COLUMNS, chosen)
-    rotation = _read_turn(root, chosen)
+    names = _find_columns(attitude, EUROC_QUATERNION_COLUMNS, reference_folder)
+    rotation = _read_turn(root, reference_folder)
     if np.abs(rotation - np.eye(3)).max() > 1e-9:
         q = np.roll(attitude[names].to_numpy(dtype=float), -1, axis=1)
         # q takes the reference sensor's axes to the world, and T_BS those of the IMU to them.

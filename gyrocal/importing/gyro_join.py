@@ -42,10 +42,7 @@ class JoinedGyros:
     freedom: Array  # (k,) f_i, mean over the rows
 
     def describe(self, unit: float) -> list[str]:
-        """Describe the agreement of each gyro with the others, a sentence each.
-
-        unit: noise of one sample, rad/s, that one unit of the gyros' `noise` stands for
-        """
+        """Describe the agreement of the gyros, a sentence each; unit is the noise of a sample, rad/s, in a unit of `noise`."""
         sentences = [f"the gyros {', '.join(self.names)} are joined to the rates about x, y and z by least squares"]
         for name, mean, rms, ratio in zip(self.names, *self._summarise(unit), strict=True):
             differs = f"{np.rad2deg(rms):.4g} deg/s RMS (mean {np.rad2deg(mean):.4g}), {ratio:.3g} times its noise"

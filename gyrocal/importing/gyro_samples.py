@@ -79,16 +79,9 @@ def read_gyro_rows(frame: pd.DataFrame, mapping: Mapping, notes: list[str]) -> G
         frame = _interpolate_gyros(frame, names, mapping, notes)
     counter = [] if mapping.sample_number is None else [mapping.sample_number]
     select_columns(frame, counter, "sample_number")
+    most_missing, is_table = 0 if counter else len(names) - 3, mapping.gyro_by is None
     clock, values = read_rows(
-        frame,
-        [*names, *counter],
-        "gyro",
-        "gyro",
-        ("time", time),
-        notes,
-        is_table=mapping.gyro_by is None,
-        most_missing=0 if counter else len(names) - 3,
-        is_ordered=not mapping.is_counted,
+        frame, [*names, *counter], "gyro", "gyro", ("time", time), notes, is_table, most_missing, not mapping.is_counted
     )
     number = _unwrap_sample_number(values[:, -1]) if counter else None
     return GyroRows(clock, values[:, : len(names)], tuple(name.removeprefix("-") for name in names), G, number)
@@ -109,13 +102,13 @@ def build_samples(rows: GyroRows, origin: int, mapping: Mapping, frame: pd.DataF
     if len(names) == 3:
         return GyroSamples(t_s, raw, sample_s, rows.G, None)
     joined = join_gyros(raw, np.linalg.pinv(rows.G), noise=mapping.get_relative_noise(len(names)), names=names)
-    kept, whole = np.isfinite(joined.rates).all(axis=1), np.isfinite(raw).all(axis=1)
-    if not whole.all():
+    is_joined, is_complete = np.isfinite(joined.rates).all(axis=1), np.isfinite(raw).all(axis=1)
+    if not is_complete.all():
         notes.append(
-            f"{int((kept & ~whole).sum())} gyro row(s) in which a gyro is missing use the others; "
-            f"{int((~kept).sum())} of fewer than three with independent axes are left out"
+            f"{int((is_joined & ~is_complete).sum())} gyro row(s) in which a gyro is missing use the others; "
+            f"{int((~is_joined).sum())} of fewer than three with independent axes are left out"
         )
-    return GyroSamples(t_s[kept], joined.rates[kept], sample_s, np.eye(3), joined)
+    return GyroSamples(t_s[is_joined], joined.rates[is_joined], sample_s, np.eye(3), joined)
 
 
 def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
@@ -155,7 +148,7 @@ def _put_on_even_times(rows: GyroRows, t_s: Array, mapping: Mapping, frame: pd.D
     if number is None and tie.any() and (same == tie).all():
         return t_s  # rows written twice, which are left out
     # Differences of an accumulated angle are divided by those of its tags; only ties of the tags prevent this.
-    uneven = tie.mean() > MOST_LOST_SHARE if mapping.gyro_factor[1] else is_uneven(t_s)
+    uneven = tie.mean() > MOST_LOST_SHARE if mapping.is_accumulated else is_uneven(t_s)
     if not is_stated and not uneven:
         return t_s
     if not is_stated:
@@ -184,9 +177,9 @@ def _put_on_even_times(rows: GyroRows, t_s: Array, mapping: Mapping, frame: pd.D
     return fit.t_s
 
 
-def _describe_moves(moved: Array) -> str:
+def _describe_moves(moves: Array) -> str:
     """Describe the RMS and the largest change of time tags (n,), s."""
-    return f"{np.sqrt(np.mean(moved**2)):.3g} s (RMS), {np.abs(moved).max():.3g} s at most"
+    return f"{np.sqrt(np.mean(moves**2)):.3g} s (RMS), {np.abs(moves).max():.3g} s at most"
 
 
 def _refuse_uneven(t_s: Array, is_stated: bool, has_more_columns: bool) -> None:
@@ -255,10 +248,10 @@ def _interpolate_gyros(frame: pd.DataFrame, names: list[str], mapping: Mapping, 
 
     The interpolation is linear, which is exact for the mean rate between two tags.
     """
-    if not mapping.gyro_factor[1]:
+    if not mapping.is_accumulated:
         raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
-    whole, part = (frame[tag].to_numpy() for tag in TAG_NAMES)
-    seconds = (whole - whole.min()) + part
+    whole_s, part_s = (frame[tag].to_numpy() for tag in TAG_NAMES)
+    seconds = (whole_s - whole_s.min()) + part_s
     columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
     rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
     begin, end = max(seconds[row[0]] for row in rows.values()), min(seconds[row[-1]] for row in rows.values())
@@ -281,28 +274,26 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping, notes: list[str]
     sample_s = float(np.median(spacing))
     if accumulated:
         # The number of wraps and the motion in a gap are unknown: no sample begins at the last tag before a gap.
-        is_contiguous = spacing <= GAP_SAMPLES * sample_s
-        rates = factor * _unwrap_steps(np.diff(raw, axis=0)[is_contiguous], mapping.wrap, notes) / spacing[is_contiguous, None]
-        if not is_contiguous.all():
-            notes.append(
-                f"{int((~is_contiguous).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out"
-            )
+        kept = spacing <= GAP_SAMPLES * sample_s
+        rates = factor * _unwrap_steps(np.diff(raw, axis=0)[kept], mapping.wrap, notes) / spacing[kept, None]
+        if not kept.all():
+            notes.append(f"{int((~kept).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
         notes.append("rates are differences of accumulated angles")
-        return t_s[:-1][is_contiguous], rates, sample_s
+        return t_s[:-1][kept], rates, sample_s
     if mapping.wrap is not None:
         raw = _undo_overflows(raw, mapping.wrap, notes)
     if mapping.gyro_unit.endswith(units.PER_SAMPLE):
         # An increment is the angle of one sample; dividing it by the spacing of its tags would turn a late tag into a rate.
         raw = raw / sample_s
-    close = np.append(False, spacing < 0.5 * sample_s)
-    held, held_notes = find_held_readings(t_s[~close], raw[~close])
+    is_close = np.append(False, spacing < 0.5 * sample_s)
+    is_held, held_notes = find_held_readings(t_s[~is_close], raw[~is_close])
     notes += held_notes
-    filled_t_s, filled = _fill_lost_samples(t_s[~close][~held], raw[~close][~held], sample_s, notes)
+    filled_t_s, filled = _fill_lost_samples(t_s[~is_close][~is_held], raw[~is_close][~is_held], sample_s, notes)
     notes.append(f"a gyro time tag is the {mapping.tag} of its sample")
-    if close.any():
+    if is_close.any():
         notes.append(
-            f"{int(close.sum())} gyro row(s) closer than half a sample to the one before are left out, the first at "
-            f"{t_s[close][0]:.9g} s"
+            f"{int(is_close.sum())} gyro row(s) closer than half a sample to the one before are left out, the first at "
+            f"{t_s[is_close][0]:.9g} s"
         )
     return filled_t_s - {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s, factor * filled, sample_s
 

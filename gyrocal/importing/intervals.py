@@ -31,7 +31,8 @@ def choose_intervals(gyro: GyroStream, body: BodyAttitudes, mapping: Mapping, no
     starts = np.concatenate([[gyro.t_s[0]], stop[gap]])
     stops = np.concatenate([gyro.t_s[gap] + sample_s, [stop[-1]]])
     if mapping.interval is not None:
-        return _choose_stated_rows(t_ref, mapping.interval, mapping.spacing_s or 0.0, stops[:-1], starts[1:], notes)
+        gaps = list(zip(stops[:-1].tolist(), starts[1:].tolist(), strict=True))
+        return _choose_stated_rows(t_ref, mapping.interval, mapping.spacing_s or 0.0, gaps, notes)
     if gap.size:
         notes.append(f"{gap.size} gap(s) of the gyro longer than {GAP_SAMPLES:g} samples end an interval")
     usual = float(np.median(np.diff(t_ref)))
@@ -47,10 +48,10 @@ def choose_intervals(gyro: GyroStream, body: BodyAttitudes, mapping: Mapping, no
             f"{t_ref[longest]:.9g} to {t_ref[longest + 1]:.9g} s: the calibration does not use the motion in them; to use it, "
             "state the intervals (entry interval of a mapping file)"
         )
-    turned = np.concatenate([[0.0], np.cumsum(np.linalg.norm(gyro.rates + gyro.apriori_bias, axis=1) * (stop - gyro.t_s))])
-    turn_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), turned)
+    rotation = np.concatenate([[0.0], np.cumsum(np.linalg.norm(gyro.rates + gyro.apriori_bias, axis=1) * (stop - gyro.t_s))])
+    rotation_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), rotation)
     span = float(np.clip(stop[-1] - gyro.t_s[0], *INTERVAL_S))
-    spacing = mapping.spacing_s or max(usual, min(span, _choose_length(mapping, turn_at, t_ref)) / MOST_INTERVAL_REFERENCES)
+    spacing = mapping.spacing_s or max(usual, min(span, _choose_length(mapping, rotation_at, t_ref)) / MOST_INTERVAL_REFERENCES)
     stretch = np.searchsorted(starts, t_ref + 1e-9, side="right") - 1
     intervals: list[list[int]] = []
     current: list[int] = []
@@ -63,7 +64,7 @@ def choose_intervals(gyro: GyroStream, body: BodyAttitudes, mapping: Mapping, no
             duration = time - t_ref[current[0]]
             is_long = duration > (mapping.interval_s or INTERVAL_S[1]) or (
                 mapping.interval_s is None
-                and turn_at[row] - turn_at[current[0]] > MOST_INTERVAL_TURN
+                and rotation_at[row] - rotation_at[current[0]] > MOST_INTERVAL_TURN
                 and duration > min(INTERVAL_S[0], 0.25 * (t_ref[-1] - t_ref[0]))
             )
             if is_separate or is_long or len(current) >= 4 * MOST_INTERVAL_REFERENCES:
@@ -81,47 +82,43 @@ def choose_intervals(gyro: GyroStream, body: BodyAttitudes, mapping: Mapping, no
 
 
 def _choose_stated_rows(
-    t_ref: Array, spans: list[Span], spacing_s: float, gap_starts: Array, gap_stops: Array, notes: list[str]
+    t_ref: Array, spans: list[Span], spacing_s: float, gaps: list[tuple[float, float]], notes: list[str]
 ) -> list[Indices]:
     """Select the rows of the attitudes in stated intervals, and note the gyro's gaps in them."""
-    inside = [
-        (start, stop)
-        for start, stop in zip(gap_starts, gap_stops, strict=True)
-        if any(span.start_s < stop and start < span.stop_s for span in spans)
-    ]
+    inside = [gap for gap in gaps if any(span.start_s < gap[1] and gap[0] < span.stop_s for span in spans)]
     if inside:
-        longest = max(float(stop - start) for start, stop in inside)
+        longest = max(stop - start for start, stop in inside)
         notes.append(
             f"{len(inside)} gap(s) of the gyro are in the stated intervals, the first from "
             f"{inside[0][0]:.9g} to {inside[0][1]:.9g} s: split the intervals there, or hold the last "
             f"rate in the calibration alone: gyrocal calibrate --max-gap {1.01 * longest:.4g}"
         )
-    chosen = select_spaced_rows(t_ref, spans, spacing_s)
-    for span, rows in zip(spans, chosen, strict=True):
+    interval_rows = select_spaced_rows(t_ref, spans, spacing_s)
+    for span, rows in zip(spans, interval_rows, strict=True):
         if len(rows) < 2:
             raise InputError(
                 f"interval {span.name}: {len(rows)} attitude(s) from {span.start_s:.9g} to {span.stop_s:.9g} s since the epoch"
             )
-    return chosen
+    return interval_rows
 
 
 def select_spaced_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices]:
     """Select the rows of attitudes in each interval, none nearer to the one before than the spacing."""
-    chosen = []
+    interval_rows = []
     for span in spans:
         rows: list[int] = []
         for row in find_reference_rows(t_ref, span.interval).tolist():
             if not rows or t_ref[row] - t_ref[rows[-1]] >= (1 - 1e-6) * spacing_s:
                 rows.append(row)
-        chosen.append(np.array(rows, dtype=np.intp))
-    return chosen
+        interval_rows.append(np.array(rows, dtype=np.intp))
+    return interval_rows
 
 
-def _choose_length(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
+def _choose_length(mapping: Mapping, rotation_at: Array, t_ref: Array) -> float:
     """Choose the duration of an interval by the rotation allowed in it, s."""
     if mapping.interval_s is not None:
         return mapping.interval_s
-    rate = (turn_at[-1] - turn_at[0]) / (t_ref[-1] - t_ref[0])
+    rate = (rotation_at[-1] - rotation_at[0]) / (t_ref[-1] - t_ref[0])
     return float(np.clip(MOST_INTERVAL_TURN / max(rate, 1e-12), *INTERVAL_S))
 
 

@@ -128,9 +128,9 @@ def build_windows(edges: Array, angle: Array, t_ref: Array, q: Array, count: int
     is_contiguous = t_ref[last] - t_ref[first] < 1.5 * stride * step
     if is_contiguous.sum() < 3:
         return None
-    chosen = np.flatnonzero(is_contiguous)
-    chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
-    rows = np.stack([first[chosen], last[chosen]], axis=1)
+    selected = np.flatnonzero(is_contiguous)
+    selected = selected[:: max(selected.size // MOST_WINDOWS, 1)]
+    rows = np.stack([first[selected], last[selected]], axis=1)
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)
 
 
@@ -158,8 +158,7 @@ def estimate_constant_bias(windows: Motion) -> Array | None:
     gyro, inside = windows.compute_gyro_rates()
     difference = (windows.compute_attitude_rates() - gyro)[inside]
     bias = difference.mean(axis=0)
-    if len(difference) < FEWEST_BIAS_WINDOWS or not np.sum(np.square(difference - bias)) <= MOST_LEFT_BY_BIAS * np.sum(
-        np.square(difference)
-    ):
+    before, after = np.sum(np.square(difference)), np.sum(np.square(difference - bias))
+    if len(difference) < FEWEST_BIAS_WINDOWS or not after <= MOST_LEFT_BY_BIAS * before:
         return None
     return np.asarray(bias)

@@ -136,9 +136,8 @@ def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None
         theta = attitude.residual(_propagate_rows(sensor, pairs[1], joined.t_s[pairs[0]], M, gyro), M @ joined.A[pairs[0]])
         joined = _merge_rows(joined, _build_rows(sensor, M, number, len(sensors)), *pairs, theta @ M)
     attitudes = Attitudes(joined.t_s, attitude.quaternion_from_matrix(joined.A), np.empty((0, 3)))
-    return JoinedReferences(
-        attitudes.replace_covariance(joined.P), joined.holds, tuple(joined_sensors[k] for k in range(len(sensors)))
-    )
+    in_order = tuple(joined_sensors[k] for k in range(len(sensors)))
+    return JoinedReferences(attitudes.replace_covariance(joined.P), joined.holds, in_order)
 
 
 def _build_rows(sensor: SensorReferences, M: Array, number: int, count: int) -> _Rows:
@@ -154,15 +153,15 @@ def _pair_rows(joined: _Rows, sensor: SensorReferences, gyro: GyroStream | None)
     late, early = np.abs(sensor.t_s[after] - joined.t_s), np.abs(sensor.t_s[before] - joined.t_s)
     row, distance = np.where(early < late, before, after), np.minimum(early, late)
     if gyro is not None:
-        near = distance <= SAME_TIME * gyro.sample_s
+        is_pair = distance <= SAME_TIME * gyro.sample_s
     else:
         step = float(np.median(np.diff(sensor.t_s))) if sensor.t_s.size > 1 else 0.0
         inside = (joined.t_s >= sensor.t_s[0]) & (joined.t_s <= sensor.t_s[-1])
         inside &= sensor.t_s[after] - sensor.t_s[before] <= GAP_STEPS * step
         body = Rotation.from_quat(sensor.quaternions)
         inside &= (body[before].inv() * body[after]).magnitude() <= LARGEST_TURN
-        near = (inside & (distance <= GAP_STEPS * SAME_TIME * step)) | (distance <= EXACT_S)
-    a = np.flatnonzero(near)
+        is_pair = (inside & (distance <= GAP_STEPS * SAME_TIME * step)) | (distance <= EXACT_S)
+    a = np.flatnonzero(is_pair)
     order = a[np.lexsort((distance[a], row[a]))]  # so that the nearest joined row at a row of the sensor comes first
     b, once = np.unique(row[order], return_index=True)
     return order[once], b
@@ -171,12 +170,12 @@ def _pair_rows(joined: _Rows, sensor: SensorReferences, gyro: GyroStream | None)
 def _propagate_rows(sensor: SensorReferences, rows: Indices, t_s: Array, M: Array, gyro: GyroStream | None) -> Array:
     """Propagate rows of a sensor, (k, 3, 3) from inertial to sensor, to times near theirs, by the gyro or by interpolation."""
     A, gap = attitude.matrix_from_quaternion(sensor.quaternions[rows]), sensor.t_s[rows] - t_s
-    moved = np.abs(gap) > EXACT_S
-    if not moved.any():
+    is_moved = np.abs(gap) > EXACT_S
+    if not is_moved.any():
         return A
     if gyro is None:
         between = Slerp(sensor.t_s, Rotation.from_quat(sensor.quaternions))(np.clip(t_s, sensor.t_s[0], sensor.t_s[-1]))
-        return np.where(moved[:, None, None], between.inv().as_matrix(), A)
+        return np.where(is_moved[:, None, None], between.inv().as_matrix(), A)
     sample = np.clip(np.searchsorted(gyro.t_s, np.minimum(sensor.t_s[rows], t_s), side="right") - 1, 0, gyro.t_s.size - 1)
     rates = np.nan_to_num(gyro.rates[sample]) @ gyro.apriori_G.T + gyro.apriori_bias
     return np.asarray(attitude.rotation_matrix((rates * gap[:, None]) @ M.T) @ A)

@@ -124,15 +124,15 @@ def _leave_out_outliers(turns: Turns) -> tuple[Turns, Array]:
     """Return the turns without outliers, and the residuals (n, 3) of their fit, scaled by its degrees of freedom, rad."""
     columns = turns.columns.reshape(turns.miss.size, -1)
     columns = columns / np.maximum(np.sqrt(np.mean(np.square(columns), axis=0)), np.finfo(float).tiny)
-    kept = np.ones(len(turns.miss), dtype=bool)
+    is_inlier = np.ones(len(turns.miss), dtype=bool)
     for _ in range(3):
-        rows = np.repeat(kept, 3)
+        rows = np.repeat(is_inlier, 3)
         solution, _, rank, _ = np.linalg.lstsq(columns[rows], turns.miss.ravel()[rows], rcond=1e-10)
         residuals = turns.miss - (columns @ solution).reshape(-1, 3)
-        fitted, residuals = kept, residuals * np.sqrt(rows.sum() / max(rows.sum() - rank, 1))
+        fitted, residuals = is_inlier, residuals * np.sqrt(rows.sum() / max(rows.sum() - rank, 1))
         scale = np.maximum(np.sqrt(_compute_robust_variance(residuals)), np.finfo(float).tiny)
         size = np.linalg.norm(residuals / scale, axis=1)
-        kept = size <= CLIP * np.median(size)
+        is_inlier = size <= CLIP * np.median(size)
     return turns.select(fitted), residuals[fitted]
 
 
@@ -153,10 +153,7 @@ def _estimate_scatter(turns: Turns, residuals: Array, arw: float) -> tuple[Array
 
 
 def _build_deviance(turns: Turns, unit: float, log_walk: float, degrees: float) -> Callable[[Array], float]:
-    """Build −2 ln L as a function of ln σ² and ln g (4,).
-
-    unit: rad², of σ² and g; log_walk, degrees: ln ĝ and its degrees of freedom, 0 without an estimate of g
-    """
+    """Build −2 ln L as a function of ln σ² and ln g (4,), in units of rad²; log_walk is ln ĝ, with its degrees of freedom."""
     n, gram = len(turns.miss), turns.columns.reshape(turns.miss.size, -1)
     U, s, _ = np.linalg.svd(gram / np.maximum(np.linalg.norm(gram, axis=0), np.finfo(float).tiny), full_matrices=False)
     right = np.column_stack([U[:, s > 1e-10 * s[0]], turns.miss.ravel() / np.sqrt(unit)])

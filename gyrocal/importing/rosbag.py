@@ -101,12 +101,9 @@ def _choose_topic(reader: Any, kinds: tuple[str, ...], topic: str | None, option
     if topic in candidates:
         return str(topic)
     words = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-    problem = (
-        f"no topic {topic} of {words}" if topic else f"several topics of {words}" if candidates else f"no topic of {words}"
-    )
-    raise InputError(
-        f"{path}: {problem}; {f'give {option}: ' if candidates else 'there are '}{', '.join(candidates or reader.topics)}"
-    )
+    problem = f"no topic {topic}" if topic else "several topics" if candidates else "no topic"
+    hint = f"give {option}: " if candidates else "there are "
+    raise InputError(f"{path}: {problem} of {words}; {hint}{', '.join(candidates or reader.topics)}")
 
 
 def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:

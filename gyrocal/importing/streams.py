@@ -111,10 +111,10 @@ def _read_not_a_number(frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
         if pd.api.types.is_numeric_dtype(frame[name]):
             continue
         words = frame[name].astype(str).str.strip()
-        lost = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
-        plain = words.mask(lost)
+        is_missing = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
+        plain = words.mask(is_missing)
         numbers = pd.to_numeric(plain.str.replace(decimal, "."), errors="coerce")
-        if lost.any() and numbers.notna().sum() == plain.notna().sum():
+        if is_missing.any() and numbers.notna().sum() == plain.notna().sum():
             frame[name] = numbers
     return frame
 
@@ -148,22 +148,13 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame | None, mapping: Map
         temperature[:, 0] = samples.t_s[0] + mapping.time_factor * (temperature[:, 0] - samples.t_s[0])
     for k, sensor in enumerate(sensors):
         what = f"attitude {sensor.name}".strip()
-        kept = leave_out_lost_references(sensor.t_s, sensor.q, samples.t_s, samples.rates, samples.sample_s, what, notes)
-        sensors[k] = sensor.select_rows(kept)
+        is_measured = leave_out_lost_references(sensor.t_s, sensor.q, samples.t_s, samples.rates, samples.sample_s, what, notes)
+        sensors[k] = sensor.select_rows(is_measured)
     if attitude is not None:
         notes = _put_large_losses_first(notes, len(clock.whole), sum(len(sensor_clock.whole) for sensor_clock in clocks))
-    return Streams(
-        t_s=samples.t_s,
-        raw=samples.rates,
-        sample_s=samples.sample_s,
-        G=samples.G,
-        sensors=tuple(sensors),
-        epoch=epoch,
-        time_scale=clock.scale or "seconds of the file",
-        assumed=tuple(notes),
-        temperature=temperature,
-        gyros=samples.joined,
-    )
+    t_s, rates, sample_s, G, joined = samples
+    time_scale = clock.scale or "seconds of the file"
+    return Streams(t_s, rates, sample_s, G, tuple(sensors), epoch, time_scale, tuple(notes), temperature, joined)
 
 
 def _choose_epoch(clocks: list[units.Clock], stated: str | None) -> tuple[str, int]:
@@ -195,7 +186,7 @@ def _put_large_losses_first(notes: list[str], gyro_rows: int, attitude_rows: int
         rows = gyro_rows if loss and loss[2] == "gyro" else attitude_rows
         if loss and int(loss[1]) > MOST_LOST_SHARE * rows:
             first.append(f"{100 * int(loss[1]) / rows:.2g} % of the {loss[2]} rows: {text}")
-    others = [text for text in notes if not any(moved.endswith(f": {text}") for moved in first)]
+    others = [text for text in notes if not any(headed.endswith(f": {text}") for headed in first)]
     return [*first, *others]
 
 
@@ -217,14 +208,13 @@ def _read_attitudes(
         known = [name for name, _ in parts]
         choice = None if mapping.attitude_by is None else find_name(mapping.sensor, known, "sensor", "attitude sensor")
         if choice is None:
-            there = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
-            raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {there}")
+            listed = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
+            raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {listed}")
         parts = [(name, part) for name, part in parts if name == choice[1]]
     named, clocks = [], []
+    time = ("attitude_time", mapping.attitude_time or mapping.time)
     for name, part in parts:
-        clock, values = read_rows(
-            part, names, kind, "attitude", ("attitude_time", mapping.attitude_time or mapping.time), notes
-        )
+        clock, values = read_rows(part, names, kind, "attitude", time, notes)
         named.append((name, values))
         clocks.append(clock)
     return named, clocks

@@ -63,9 +63,8 @@ def find_layout(path: Path) -> TableLayout:
         lines = [line.rstrip("\r\n") for line in islice(text, HEAD_LINES)]
     if not any(map(str.strip, lines)):
         raise InputError(f"{path}: no rows")
-    split = max(
-        (_SplitLines(separator, lines) for separator in SEPARATORS), key=lambda candidate: (candidate.score, candidate.fields)
-    )
+    splits = [_SplitLines(separator, lines) for separator in SEPARATORS]
+    split = max(splits, key=lambda candidate: (candidate.score, candidate.fields))
     names, notes = split.name_columns()
     decimal = "," if split.has_decimal_comma() else "."
     if split.separator != ",":

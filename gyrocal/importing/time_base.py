@@ -63,18 +63,15 @@ def is_uneven(t_s: Array) -> bool:
         return True
     ratio = spacing / usual
     # A real gap may have any length, but more than a percent of the spacings are no gaps.
-    off = (np.abs(ratio - np.maximum(np.round(ratio), 1.0)) > UNEVEN_SAMPLE) | (ratio > LONGEST_COUNTED)
-    return bool(np.mean(off) > MOST_UNEVEN_SHARE)
+    is_off = (np.abs(ratio - np.maximum(np.round(ratio), 1.0)) > UNEVEN_SAMPLE) | (ratio > LONGEST_COUNTED)
+    return bool(np.mean(is_off) > MOST_UNEVEN_SHARE)
 
 
 def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | None = None) -> EvenTimes | None:
-    """Fit even times to the tags of rows in the order of sampling; None if the tags do not follow the sample number.
+    """Fit even times to tags (n,), s, of rows in the order of sampling; None if the tags do not follow the sample number.
 
-    Parameters
-    ----------
-    t_s : (n,) tags, s
-    number : (n,) sample numbers; with None the rows are numbered, and steps of the tags count as lost samples
-    sample_s : spacing of the samples if it is known
+    number: (n,) sample numbers; with None the rows are numbered, and steps of the tags count as lost samples
+    sample_s: spacing of the samples if it is known
     """
     is_numbered = number is not None
     k = np.arange(t_s.size, dtype=np.float64) if number is None else number.astype(np.float64)
@@ -105,10 +102,8 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     if not errors:
         errors = f"have {'late arrival' if late else 'jitter'} of {np.std(centred) / h:.2g} samples (RMS)"
     # The anchor of a row is the next one in bursts, whose anchors are last, and otherwise the one before.
-    if errors.startswith("come in bursts"):
-        anchor = np.searchsorted(rows, np.arange(t_s.size), side="left")
-    else:
-        anchor = np.searchsorted(rows, np.arange(t_s.size), side="right") - 1
+    is_burst = errors.startswith("come in bursts")
+    anchor = np.searchsorted(rows, np.arange(t_s.size), side="left" if is_burst else "right") - (not is_burst)
     part_of_row = part[np.clip(anchor, 0, rows.size - 1)]
     line, drift = np.zeros(t_s.size), 0.0
     for stretch in stretches:

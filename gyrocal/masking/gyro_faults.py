@@ -69,58 +69,58 @@ class Level(NamedTuple):
 
 def find_plateaus(recording: Recording, innovations: Innovations) -> list[MaskedStretch]:
     """Find gyros with a largest reading that repeats more often than a lattice of readings explains."""
-    rates, used = recording.gyro.rates, mark_interval_samples(recording)
+    rates, in_interval = recording.gyro.rates, mark_interval_samples(recording)
     sigma = max(recording.gyro.arw / float(np.sqrt(recording.gyro.sample_s)), SMALLEST_NOISE)
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
     is_repeated = np.append(False, (rates[1:] == rates[:-1]).all(axis=1))
     out = []
     for axis, sign in ((axis, sign) for axis in range(3) for sign in (1.0, -1.0)):
         x = sign * rates[:, axis]
-        largest = float(x[used].max(initial=0.0))
-        is_largest = used & (x >= largest * (1 - 1e-12))
+        largest = float(x[in_interval].max(initial=0.0))
+        is_largest = in_interval & (x >= largest * (1 - 1e-12))
         # The same largest reading in both directions is the end of a range, even if the rate jumps to it.
-        symmetric = abs(float(x[used].min(initial=0.0)) + largest) <= 1e-12 * largest
+        symmetric = abs(float(x[in_interval].min(initial=0.0)) + largest) <= 1e-12 * largest
         # A gyro that reads zero throughout is dead, not clipped.
         if largest <= 0 or (is_largest & ~is_repeated).sum() < FEWEST_CLIPPED:
             continue
-        if _stands_still(x, is_largest, used & ~is_repeated, sigma) and (symmetric or is_reached(x, is_largest, sigma)):
+        if _stands_still(x, is_largest, in_interval & ~is_repeated, sigma) and (symmetric or is_reached(x, is_largest, sigma)):
             out += _list_clipped(recording, axis, is_largest, sign * largest)
     return out
 
 
 def find_noisy_plateaus(recording: Recording, innovations: Innovations) -> list[MaskedStretch]:
     """Find gyros whose largest readings crowd within a narrow band, while the references show larger rates."""
-    used, begin = mark_interval_samples(recording), recording.gyro.t_s
+    in_interval, begin = mark_interval_samples(recording), recording.gyro.t_s
     start, stop = (recording.attitudes.t_s[rows] for rows in (innovations.first, innovations.second))
     low, high = np.searchsorted(begin, start, side="right") - 1, np.searchsorted(begin, stop, side="left")
     beyond = -innovations.values @ np.linalg.inv(recording.gyro.apriori_G).T / innovations.sigma.max(axis=1, keepdims=True)
     out = []
     for axis, sign in ((axis, sign) for axis in range(3) for sign in (1.0, -1.0)):
         x = sign * recording.gyro.rates[:, axis]
-        is_crowded = _find_crowd(x, used)
+        is_crowded = _find_crowd(x, in_interval)
         crowded_before = np.append(0, np.cumsum(is_crowded))
         inside = crowded_before[np.maximum(high, 0)] > crowded_before[np.maximum(low, 0)]
         runs = find_mask_runs(inside)
         if len(runs) < FEWEST_RUNS:
             continue
         total = np.append(0.0, np.cumsum(sign * beyond[:, axis]))
-        turned = float(np.median([total[b] - total[a] for a, b in runs]))
+        excess = float(np.median([total[b] - total[a] for a, b in runs]))
         # A steady rate with an error, as after a step of the bias, has it beside the band as well.
         ends = [(max(a - NEIGHBOUR_STEPS, 0), a) for a, _ in runs] + [
             (b, min(b + NEIGHBOUR_STEPS, inside.size)) for _, b in runs
         ]
         missed_beside = float(np.median([abs(total[b] - total[a]) for a, b in ends]))
-        if turned > BEYOND_SIGMAS and missed_beside < MOST_MISSED_BESIDE * turned:
+        if excess > BEYOND_SIGMAS and missed_beside < MOST_MISSED_BESIDE * excess:
             out += _list_clipped(recording, axis, is_crowded, sign * float(np.median(x[is_crowded])))
     return out
 
 
-def _find_crowd(x: Array, used: Mask) -> Mask:
+def _find_crowd(x: Array, in_interval: Mask) -> Mask:
     """Find samples (n,) in the widest band below the largest reading with `FREQUENCY_RATIO` times those of the next band."""
-    largest = float(x[used].max(initial=0.0))
+    largest = float(x[in_interval].max(initial=0.0))
     for width in largest * np.array(BAND_WIDTHS[::-1]):
-        in_band = used & (x > largest - width)
-        below = used & ~in_band & (x > largest - 2 * width)
+        in_band = in_interval & (x > largest - width)
+        below = in_interval & ~in_band & (x > largest - 2 * width)
         is_crowded = in_band.sum() >= max(FEWEST_CROWDED, FREQUENCY_RATIO * below.sum())
         # A clipped rate comes from far below the band, a steady one with noise stays near it.
         outside = [k for low, high in find_mask_runs(in_band) for k in (low - OUTSIDE_READINGS, high + OUTSIDE_READINGS)]
@@ -129,7 +129,7 @@ def _find_crowd(x: Array, used: Mask) -> Mask:
         is_varied = np.unique(x[in_band]).size >= FEWEST_CLIPPED
         if is_crowded and is_varied and ends and np.median(ends) < largest - FREQUENCY_RATIO * width:
             return np.asarray(in_band)
-    return np.zeros_like(used)
+    return np.zeros_like(in_interval)
 
 
 def _stands_still(x: Array, is_largest: Mask, others: Mask, sigma: float) -> bool:
@@ -171,12 +171,12 @@ def _list_clipped(recording: Recording, axis: int, is_clipped: Mask, level: floa
 def _merge_spans(recording: Recording, runs: list[tuple[int, int]]) -> list[tuple[float, float]]:
     """Merge runs of samples that overlap or touch; return the begin and end of each, s, without gaps of the stream."""
     t_s, sample_s = recording.gyro.t_s, recording.gyro.sample_s
-    lost = np.zeros(t_s.size, dtype=bool)
+    is_masked = np.zeros(t_s.size, dtype=bool)
     for low, high in runs:
-        lost[max(low, 0) : high] = True
+        is_masked[max(low, 0) : high] = True
     ends = np.append(np.diff(t_s) > GAP_SAMPLES * sample_s, True)
     out = []
-    for low, high in find_mask_runs(lost):
+    for low, high in find_mask_runs(is_masked):
         edges = [low, *(low + 1 + np.flatnonzero(ends[low : high - 1])), high]
         out += [(float(t_s[a]), float(t_s[b - 1] + sample_s)) for a, b in pairwise(edges)]
     return out
@@ -242,9 +242,9 @@ def _is_stop(recording: Recording, innovations: Innovations, misses: Array, leve
         return False
     axis_misses, sigma = misses[inside, level.axis], float(innovations.sigma[inside].max())
     error = axis_misses / innovations.duration_s[inside]  # of the gyro's rate
-    turned = float(np.abs(np.cumsum(axis_misses)).max())
+    misfit = float(np.abs(np.cumsum(axis_misses)).max())
     # A single false reference contradicts a few steps only.
-    if turned < LEAST_MISFIT_SIGMAS * sigma or np.median(np.abs(error)) < 2 * _compute_tolerance(recording, level.axis):
+    if misfit < LEAST_MISFIT_SIGMAS * sigma or np.median(np.abs(error)) < 2 * _compute_tolerance(recording, level.axis):
         return False
     # The gyro agrees with the references before and after, in the same interval, over as many steps; a step is across each end.
     arc = np.cumsum(np.append(0, innovations.first[1:] != innovations.second[:-1]))
@@ -254,7 +254,7 @@ def _is_stop(recording: Recording, innovations: Innovations, misses: Array, leve
         misses[same_arc & (places < inside[0] - 1), level.axis][-count:],
         misses[same_arc & (places > inside[-1] + 1), level.axis][:count],
     )
-    if any(not side.size or np.abs(np.cumsum(side)).max() > MOST_MISFIT_AROUND * turned for side in sides):
+    if any(not side.size or np.abs(np.cumsum(side)).max() > MOST_MISFIT_AROUND * misfit for side in sides):
         return False
     return not (_is_dead_zone(recording, innovations, misses, level, error) or _is_extrapolated(recording, level))
 

@@ -29,11 +29,11 @@ SAME_STEP = 1e-9  # of the largest reading: a smaller difference is rounding
 
 def find_held_readings(t_s: Array, raw: Array) -> tuple[Mask, list[str]]:
     """Find the rows (n,) of readings (n, k) in which a reading is held, and write a note for each held value."""
-    held, notes = np.zeros(len(raw), dtype=bool), list[str]()
+    is_held, notes = np.zeros(len(raw), dtype=bool), list[str]()
     steps = np.array([_find_step(x) for x in raw.T])
     for axes in (list(range(raw.shape[1])), *([k] for k in range(raw.shape[1]))):
-        for value, rows in _list_held_values(np.where(held[:, None], np.nan, raw)[:, axes], steps[axes]):
-            held |= rows
+        for value, rows in _list_held_values(np.where(is_held[:, None], np.nan, raw)[:, axes], steps[axes]):
+            is_held |= rows
             runs = find_mask_runs(rows)
             longest = max(t_s[stop - 1] - t_s[first] for first, stop in runs)
             which = "all axes" if len(axes) > 1 else f"axis {axes[0] + 1}"
@@ -42,7 +42,7 @@ def find_held_readings(t_s: Array, raw: Array) -> tuple[Mask, list[str]]:
                 f"samples, in {len(runs)} stretches of up to {longest:.3g} s: the firmware holds this value at rest. It is no "
                 "measurement of a rate or of a bias, and these samples are left out"
             )
-    return held, notes
+    return is_held, notes
 
 
 def _find_step(x: Array) -> float:

@@ -21,9 +21,7 @@ from gyrocal.rests import QUIET, compute_speed
 
 WINDOW_S = 0.5  # of the scatter of the rates, for the bias
 SAME_ELEMENT = 1e-12  # of quaternion elements that are the same number after a conversion
-TURNED_STEPS = (
-    4.0  # smallest turns between two rows: above it a repeat is no rounding, since a cell of rounding spans √3 of them
-)
+TURNED_STEPS = 4.0  # smallest turns between rows: above it a repeat is no rounding, whose cell spans √3 of them
 NOISE_SIGMAS = 6.0  # of the gyro's integrated noise: added to this limit
 FILLED_SHARE = 0.2  # of the rows while the gyro turns: with more repeats a table is forward-filled
 JUMP_MARGIN = 10.0  # median differences between the turn of the attitudes and the gyro's path
@@ -47,24 +45,24 @@ def leave_out_lost_references(
     is_measured = np.ones(t_s.size, dtype=bool)
 
     identity = np.abs(np.abs(q[:, 3]) - 1) < SAME_ELEMENT
-    lost = _find_jumping_runs(identity, q, path)
-    if lost.any() and (~lost).sum() >= FEWEST_ATTITUDES:
-        is_measured &= ~lost
+    is_lost = _find_jumping_runs(identity, q, path)
+    if is_lost.any() and (~is_lost).sum() >= FEWEST_ATTITUDES:
+        is_measured &= ~is_lost
         notes.append(
-            f"{int(lost.sum())} {what} row(s) are the identity, to which the gyro did not turn: left out as lost, "
-            f"the first at {t_s[lost][0]:.9g} s"
+            f"{int(is_lost.sum())} {what} row(s) are the identity, to which the gyro did not turn: left out as lost, "
+            f"the first at {t_s[is_lost][0]:.9g} s"
         )
 
     rows = np.flatnonzero(is_measured)
-    turned = raw - _estimate_rest_rate(t_s[rows], q[rows], gyro_t_s, raw, sample_s)
-    course = np.concatenate([np.zeros((1, raw.shape[1])), np.cumsum(turned * length, axis=0)])
+    rates = raw - _estimate_rest_rate(t_s[rows], q[rows], gyro_t_s, raw, sample_s)
+    course = np.concatenate([np.zeros((1, raw.shape[1])), np.cumsum(rates * length, axis=0)])
     course_at_rows = np.column_stack([np.interp(t_s[rows], edges, column) for column in course.T])
-    held = _find_held_rows(t_s[rows], q[rows], course_at_rows, float(np.std(np.diff(raw, axis=0)) / np.sqrt(2)), sample_s)
-    if held.any() and (~held).sum() >= FEWEST_ATTITUDES:
-        is_measured[rows[held]] = False
-        text = f"{int(held.sum())} {what} row(s) repeat the one before to the last digit, although the gyro turns"
-        notes.append(f"{text}: left out as held, the first at {t_s[rows[held]][0]:.9g} s")
-        if held.mean() > FILLED_SHARE:
+    is_held = _find_held_rows(t_s[rows], q[rows], course_at_rows, float(np.std(np.diff(raw, axis=0)) / np.sqrt(2)), sample_s)
+    if is_held.any() and (~is_held).sum() >= FEWEST_ATTITUDES:
+        is_measured[rows[is_held]] = False
+        text = f"{int(is_held.sum())} {what} row(s) repeat the one before to the last digit, although the gyro turns"
+        notes.append(f"{text}: left out as held, the first at {t_s[rows[is_held]][0]:.9g} s")
+        if is_held.mean() > FILLED_SHARE:
             late_s = float(np.median(np.diff(t_s)))
             notes.append(
                 f"the {what} rows are forward-filled, so that their time tags are up to {late_s:.3g} s late; a table of their "
@@ -122,8 +120,8 @@ def _find_held_rows(t_s: Array, q: Array, course: Array, noise: float, sample_s:
         return np.asarray(angle > TURNED_STEPS * step + NOISE_SIGMAS * noise * np.sqrt(elapsed_s * sample_s))
 
     for first, stop in find_mask_runs(is_repeat):
-        away = np.linalg.norm(course[first:stop] - course[first - 1], axis=1)
-        out[first:stop] = is_turn(away, t_s[first:stop] - t_s[first - 1]).any()
+        angle_from_first = np.linalg.norm(course[first:stop] - course[first - 1], axis=1)
+        out[first:stop] = is_turn(angle_from_first, t_s[first:stop] - t_s[first - 1]).any()
     # Rows while the gyro turns: held ones, and measured ones after an equally large turn.
     turning = is_turn(np.linalg.norm(np.diff(course, axis=0), axis=1), np.diff(t_s))
     measured = int((turning & ~is_repeat[1:]).sum())

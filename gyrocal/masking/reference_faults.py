@@ -1,7 +1,7 @@
 """Reference attitudes that freeze or jump, by the innovations that a gyro propagates from one to the next.
 
 A camera that swaps markers has an error in single frames, or in all later frames. In the innovations (`gyrocal.innovations`) a
-group of false references leaves and returns, and the reference after it fits the one before it. A lasting jump is one innovation
+group of false references leaves and returns, and the reference after it fits the one before it. A lasting jump is an innovation
 far beyond those around it. Errors of the gyro may look alike if references are far apart, since an innovation then sums the
 errors of many samples. A lasting jump therefore counts only if references are about as dense as samples. In both cases the jump
 has to be larger than the rotation of the body from one reference to the next, which is the largest effect of a late or repeated
@@ -28,9 +28,7 @@ LONGEST_GROUP = 3  # references
 RETURNED_CHI2 = 25.0  # χ² of three axes over the whole group, which noise exceeds once in 10⁵
 RETURNED_SHARE = 0.1  # of the first innovation that may remain over a group, by errors of the gyro's calibration
 WANDER_STEPS = 20  # steps over which the difference of references and gyro is measured
-WANDER_RATIO = (
-    2.0  # of that, median: the sigma of the references covers smaller jumps that stay, and a cut costs a start attitude
-)
+WANDER_RATIO = 2.0  # times its median: the sigma of the references covers smaller lasting jumps; a cut costs an attitude
 DENSE_SAMPLES = 3.5  # gyro samples from one reference to the next, up to which a lasting jump counts
 NEIGHBOUR_STEPS = 5  # steps before and after an innovation that it is compared with
 ISOLATION_RATIO = 5.0  # of an isolated innovation to the quantile of its neighbours
@@ -47,8 +45,8 @@ def find_frozen(recording: Recording, innovations: Innovations) -> list[MaskedSt
     t_s, q = recording.attitudes.t_s, recording.attitudes.quaternions
     out = []
     for low, high in find_mask_runs((q[innovations.first] == q[innovations.second]).all(axis=1)):
-        turned = float(np.linalg.norm(np.cumsum(innovations.turned[low:high], axis=0), axis=1).max())
-        if high - low >= FEWEST_REPEATS and turned > FREEZE_TURN_SIGMAS * float(innovations.sigma[low:high].max()):
+        rotation = float(np.linalg.norm(np.cumsum(innovations.turned[low:high], axis=0), axis=1).max())
+        if high - low >= FEWEST_REPEATS and rotation > FREEZE_TURN_SIGMAS * float(innovations.sigma[low:high].max()):
             last = float(t_s[innovations.second[high - 1]]) + float(innovations.duration_s[high - 1])
             out.append(MaskedStretch("frozen", None, float(t_s[innovations.second[low]]), last))
     return out
@@ -63,8 +61,8 @@ def find_jumps(recording: Recording, innovations: Innovations) -> list[MaskedStr
     ratio = size / innovations.sigma.max(axis=1)
     late_s = max(float(np.quantile(innovations.duration_s, LATE_QUANTILE)), sample_s)
     is_candidate = _is_beyond_turn(innovations, size, late_s) & (innovations.duration_s < UNEVEN_STEP * usual_s)
-    moved = np.cumsum(innovations.values, axis=0)
-    wander = WANDER_RATIO * float(np.median(np.linalg.norm(moved[WANDER_STEPS:] - moved[:-WANDER_STEPS], axis=1)))
+    drift = np.cumsum(innovations.values, axis=0)
+    wander = WANDER_RATIO * float(np.median(np.linalg.norm(drift[WANDER_STEPS:] - drift[:-WANDER_STEPS], axis=1)))
     out, last, unreturned = list[MaskedStretch](), -1, 0
     for k in np.flatnonzero(ratio > GROUP_SIGMAS).tolist():
         if k <= last:
@@ -101,9 +99,8 @@ def _is_beyond_turn(innovations: Innovations, size: Array, late_s: float) -> Mas
 
 def _is_isolated(size: Array, k: int, length: int) -> bool:
     """Whether an innovation is far beyond those before it and those after the group that it begins."""
-    neighbours = np.concatenate(
-        [size[max(k - NEIGHBOUR_STEPS, 0) : k], size[k + length + 1 : k + length + 1 + NEIGHBOUR_STEPS]]
-    )
+    after = size[k + length + 1 : k + length + 1 + NEIGHBOUR_STEPS]
+    neighbours = np.concatenate([size[max(k - NEIGHBOUR_STEPS, 0) : k], after])
     return bool(neighbours.size and size[k] > ISOLATION_RATIO * float(np.quantile(neighbours, NEIGHBOUR_QUANTILE)))
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gyrocal.arrays import Array
+from gyrocal.arrays import Array, Mask
 from gyrocal.errors import InputError
 from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
 
@@ -14,6 +14,12 @@ SMALLEST_DETERMINANT = 1e-3  # of an invertible G
 SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix that can be inverted
 LARGEST_RATE = float(np.deg2rad(1e5))  # rad/s, above the range of any gyro
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # rad, of a plausible sigma of an attitude
+
+
+def refuse_rows(table: str, bad: Mask, fault: str) -> None:
+    """Refuse a table with bad rows (n,); the message names the first."""
+    if bad.any():
+        raise InputError(f"{table}: row {int(np.argmax(bad))}: {fault} ({int(bad.sum())} such)")
 
 
 def check_times(t_s: Array, what: str) -> None:

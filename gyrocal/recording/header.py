@@ -151,10 +151,8 @@ def format_header(recording: Recording) -> str:
         "sigma_estimated": attitudes.sigma_estimated or None,
         "sigma_dof": float(attitudes.sigma_degrees) if np.isfinite(attitudes.sigma_degrees) else None,
     }
-    intervals = [
-        ("[[interval]]", vars(interval) | {"start_s": float(interval.start_s), "stop_s": float(interval.stop_s)})
-        for interval in recording.intervals
-    ]
+    spans = [vars(i) | {"start_s": float(i.start_s), "stop_s": float(i.stop_s)} for i in recording.intervals]
+    intervals = [("[[interval]]", span) for span in spans]
     blocks = []
     for title, entries in (("", top), ("[gyro]", of_gyro), ("[attitude]", of_attitudes), ("[orbit]", orbit), *intervals):
         if not entries:
@@ -210,15 +208,15 @@ def format_validation_error(error: ValidationError, model: type[BaseModel] | Non
 
 def _list_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """List the keys of the table at a path of a document; none if the table is unknown."""
-    here: list[type[BaseModel]] = [model]
+    models: list[type[BaseModel]] = [model]
     for part in path:
         if isinstance(part, int):
             continue  # an item of a list has the models of the list
         # The model of a union that this tag stands for.
-        tagged = [kind for kind in here if any(part in get_args(field.annotation) for field in kind.model_fields.values())]
-        inside = [inner for kind in here if part in kind.model_fields for inner in _list_models(kind.model_fields[part])]
-        here = inside or tagged or here
-    return list(dict.fromkeys(key for kind in here for key in kind.model_fields))
+        tagged = [kind for kind in models if any(part in get_args(field.annotation) for field in kind.model_fields.values())]
+        inside = [inner for kind in models if part in kind.model_fields for inner in _list_models(kind.model_fields[part])]
+        models = inside or tagged or models
+    return list(dict.fromkeys(key for kind in models for key in kind.model_fields))
 
 
 def _list_models(field: Any) -> Iterator[type[BaseModel]]:

@@ -121,8 +121,8 @@ class Attitudes:
 
     def replace_covariance(self, P: Array) -> Attitudes:
         """Replace the covariances of the attitudes by P (m, 3, 3), rad²."""
-        s, off = np.sqrt(np.diagonal(P, axis1=1, axis2=2)), P[:, ROWS, COLUMNS]
-        return replace(self, sigma=s, correlation=off / (s[:, ROWS] * s[:, COLUMNS]) if off.any() else None)
+        s, covariance = np.sqrt(np.diagonal(P, axis1=1, axis2=2)), P[:, ROWS, COLUMNS]
+        return replace(self, sigma=s, correlation=covariance / (s[:, ROWS] * s[:, COLUMNS]) if covariance.any() else None)
 
     @property
     def sigma_deg(self) -> Array:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
+from gyrocal.recording.checks import refuse_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,9 +98,9 @@ class SensorTables:
             if table is None:
                 continue
             rows = np.minimum(self.ephemeris.rows(table.t_s), len(self.ephemeris.t_s) - 1)
-            lost = np.flatnonzero(np.abs(self.ephemeris.t_s[rows] - table.t_s) > SAME_TIME_S)
-            if lost.size:
-                raise InputError(f"ephemeris: no row at t_s = {table.t_s[lost[0]]} of {name} ({lost.size} such)")
+            absent = np.flatnonzero(np.abs(self.ephemeris.t_s[rows] - table.t_s) > SAME_TIME_S)
+            if absent.size:
+                raise InputError(f"ephemeris: no row at t_s = {table.t_s[absent[0]]} of {name} ({absent.size} such)")
 
 
 def list_known_tables(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
@@ -146,14 +147,14 @@ def _read_sun(frame: pd.DataFrame) -> SunCounts:
     t_s, sensor = (_read_numbers(frame, name, (column,))[:, 0] for column in ("t_s", "sensor"))
     counts = _read_numbers(frame, name, SUN_COUNT_COLUMNS)
     for column, values in zip(("sensor", *SUN_COUNT_COLUMNS), (sensor, *counts.T), strict=True):
-        _refuse(name, values != np.round(values), f"{column} is not a whole number")
-    _refuse(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
-    _refuse(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
+        refuse_rows(name, values != np.round(values), f"{column} is not a whole number")
+    refuse_rows(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
     for number in np.unique(sensor):
         rows = np.flatnonzero(sensor == number)
         is_repeated = np.zeros(t_s.size, dtype=bool)
         is_repeated[rows] = np.diff(t_s[rows], prepend=-np.inf) <= 0
-        _refuse(name, is_repeated, f"sensor {number:g} has two rows of one time")
+        refuse_rows(name, is_repeated, f"sensor {number:g} has two rows of one time")
     return SunCounts(t_s, sensor.astype(np.int64), counts)
 
 
@@ -162,12 +163,12 @@ def _read_earth(frame: pd.DataFrame) -> PenetrationAngles:
     name = "earth_sensor"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     used = _read_numbers(frame, name, USED)
-    _refuse(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
+    refuse_rows(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
     flags = used == 1
     angles = np.deg2rad(_read_numbers(frame, name, PENETRATIONS, finite=False))
-    _refuse(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
-    _refuse(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
-    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    refuse_rows(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
+    refuse_rows(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     return PenetrationAngles(t_s, angles, flags)
 
 
@@ -176,10 +177,10 @@ def _read_ephemeris(frame: pd.DataFrame) -> Ephemeris:
     name = "ephemeris"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     position, sun = _read_numbers(frame, name, POSITION), _read_numbers(frame, name, SUN_DIRECTION_COLUMNS)
-    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     below = np.linalg.norm(position, axis=1) < NEAREST_M
-    _refuse(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
-    _refuse(name, np.abs(np.linalg.norm(sun, axis=1) - 1) > UNIT, "sun_x, sun_y, sun_z are not a unit vector")
+    refuse_rows(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
+    refuse_rows(name, np.abs(np.linalg.norm(sun, axis=1) - 1) > UNIT, "sun_x, sun_y, sun_z are not a unit vector")
     return Ephemeris(t_s, position, sun)
 
 
@@ -193,11 +194,5 @@ def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], fini
     except (TypeError, ValueError):
         raise InputError(f"{name}: {', '.join(columns)} must hold numbers") from None
     if finite:
-        _refuse(name, ~np.isfinite(values).all(axis=1), f"{' or '.join(columns)} is not a finite number")
+        refuse_rows(name, ~np.isfinite(values).all(axis=1), f"{' or '.join(columns)} is not a finite number")
     return np.asarray(values)
-
-
-def _refuse(name: str, bad: Mask, what: str) -> None:
-    """Refuse a table with bad rows (n,), and name the first."""
-    if bad.any():
-        raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")
