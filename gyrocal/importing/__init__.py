@@ -1,8 +1,9 @@
-"""Recordings from anyone's tables: what the columns mean is told, what is not told is estimated, and both are written down.
+"""Recordings from anyone's tables: a mapping states the meaning of the columns, and everything else is estimated.
 
-A `Mapping` says what the columns are. `streams` reads them in SI units on one clock and joins gyros, `join_references` makes
-one series of body attitudes of several sensors', `agreement` asks whether rates and attitudes fit each other as they are read
-and how else they would, `estimates` estimates noise and bias, and `build` puts it together. See docs/import.md.
+A `Mapping` states the meaning of the columns. `streams` reads them in SI units on one clock and joins gyros. `join_references`
+joins the attitudes of several sensors to one series of body attitudes. `agreement` tests whether rates and attitudes agree as
+read, and searches the mapping that would fit. `estimates` estimates noise and bias, and `build` builds the recording. See
+docs/import.md.
 """
 
 from __future__ import annotations
@@ -57,28 +58,28 @@ def import_csv(
     Parameters
     ----------
     gyro_file, attitude_file : paths; without the second the first holds both
-    mapping : what the columns mean
+    mapping : meaning of the columns
     entries : in place of a mapping, its entries, e.g. ``time="timestamp_ms:ms", gyro="gx,gy,gz:deg/s",
         quat="qw,qx,qy,qz:body-to-inertial"``
 
     Raises
     ------
     InputError
-        One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
+        One line with the fault; if rates and attitudes do not fit each other, with the mapping that would fit.
     """
     if mapping is None:
         mapping = validate_mapping(entries, "mapping")
     elif entries:
         raise InputError("give a mapping or its entries, not both")
-    table = read_csv(Path(gyro_file))
-    other = read_csv(Path(attitude_file)) if attitude_file is not None else table
-    return import_tables(table, other, mapping)
+    gyro_table = read_csv(Path(gyro_file))
+    attitude_table = read_csv(Path(attitude_file)) if attitude_file is not None else gyro_table
+    return import_tables(gyro_table, attitude_table, mapping)
 
 
 def import_tables(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, *, said: Sequence[str] = ()) -> ImportResult:
-    """Import the gyro's table and that of the attitudes, which every format makes; the same object where one holds both.
+    """Import the table of a gyro and the table of attitudes, which may be the same object.
 
-    said: what was taken for granted when the tables were made, a sentence each
+    said: assumptions made when the tables were built, a sentence each
     """
     gyro, attitude, mapping = resolve_columns(gyro, attitude, mapping)
     streams = read_streams(gyro, attitude, mapping)
@@ -86,10 +87,10 @@ def import_tables(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, 
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
-    """Read a CSV table of gyros as a recording without references, for their noise alone, and what was assumed.
+    """Read a CSV table of gyros as a recording without references, for their noise alone, and list the assumptions.
 
-    An `InputError` if a column is missing or does not hold what the mapping says. Of its entries time and gyro are needed, and
-    those of attitudes are not read.
+    An `InputError` if a column is missing or does not hold what the mapping says. The entries time and gyro are needed; entries
+    of attitudes are not read.
     """
     path = Path(file)
     table = read_csv(path)
@@ -116,7 +117,7 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
 
 
 def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
-    """Write the recording, titled by its folder unless it has a title, and beside it the notes of the import."""
+    """Write the recording, titled by its folder unless it has a title, and the notes of the import into the folder."""
     recording = imported.recording
     if not imported.mapping.title:
         recording = replace(recording, title=Path(folder).resolve().name)

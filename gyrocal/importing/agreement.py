@@ -37,21 +37,21 @@ from gyrocal.importing.motion import Motion, build_motion, estimate_constant_bia
 from gyrocal.importing.units import SECONDS_A_DAY, TIME_UNITS
 from gyrocal.recording import Recording
 
-FITS = 0.1  # residual over motion of rates that are read rightly: errors of G and noise
-HOPELESS = 0.5
+FITTING_RESIDUAL = 0.1  # residual over motion up to which a reading fits: it has errors of G and noise
+USABLE_RESIDUAL = 0.5  # residual over motion above which a mapping is refused
 LARGEST_RESIDUAL_RATIO = 0.5  # times the residual before: an alternative must fit so much better
-RESIDUAL_TIE_FACTOR = 1.25  # times the best residual: as good
-FEWEST_RATE_WINDOWS = 3  # in which both sides are known
-LEAST_WINDOWS = 6  # from which a rotation of three angles is told
-LEAST_SKEW = np.deg2rad(5.0)  # of the angles between three gyros from 90 deg: fewer are a gyro's own misalignment
-LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
+RESIDUAL_TIE_FACTOR = 1.25  # times the smallest residual: readings up to it fit equally well
+FEWEST_RATE_WINDOWS = 3  # with rates of both sides
+LEAST_WINDOWS = 6  # to estimate a rotation of three angles
+LEAST_SKEW = np.deg2rad(5.0)  # of the angles between three gyros from 90 deg: a smaller one is a gyro's own misalignment
+LARGEST_FACTOR = 2.0  # of rates: a larger one is another unit, not a gyro's scale
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 FACTOR = "--rate-factor"
 ROTATION_COUNT = 4  # changes that a free rotation counts for: more than the exchange of three axes
-ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
+ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # units that are confused with each other
 ALTERNATIVE_TIME_UNITS = ("ms", "s", "us", "ns")
 DAY_UNIT = "86400s"  # a day, in which spreadsheets count
-ALTERNATIVE_ORDERS = {  # in which they may be instead
+ALTERNATIVE_ORDERS = {  # by the order as read: other orders of the elements, in words
     "": {},
     "scalar-last": {
         (1, 2, 3, 0): "the quaternion's scalar part first (scalar-first)",
@@ -74,11 +74,11 @@ class Reading:
 
     # axes exchanged, rotated, with a free factor or clock rate, or in free directions
     kind: Literal["named", "rotation", "alignment", "axes"]
-    changes: tuple[str, ...]  # what is to be changed, in words
-    count: int  # how many things these are; each axis that another takes the place of is one
+    changes: tuple[str, ...]  # changes of the mapping, in words
+    count: int  # number of changes; each axis that another one replaces counts as one
     residual: float  # RMS of w_ref − s C w − b over that of the motion
     offset_s: float = 0.0  # τ, s; added to the attitudes' tags
-    is_tied: bool = False  # whether another fits as well and changes as much
+    is_tied: bool = False  # whether another reading fits equally well with as many changes
 
     @property
     def sentence(self) -> str:
@@ -92,14 +92,14 @@ class Reading:
 
 
 class AttitudeReading(NamedTuple):
-    """Attitudes that the table may mean."""
+    """Attitudes under one reading of the table."""
 
-    words: tuple[str, ...]  # what is changed
+    words: tuple[str, ...]  # changes of the mapping
     q: Array  # (m, 4) inertial to body, scalar last
 
 
 class Tags(NamedTuple):
-    """Windows over which time tags are changed."""
+    """Windows after a change of the time tags."""
 
     windows: Motion
     offset_s: float = 0.0  # added to the attitudes' tags
@@ -107,7 +107,7 @@ class Tags(NamedTuple):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is changed."""
+        """The change in words; empty without one."""
         clock = (f"the gyro's time tags times {self.factor:.7g} (--time-factor)",) if self.factor != 1 else ()
         late = (f"{self.offset_s:+.4g} s added to the attitudes' time tags",) if self.offset_s else ()
         return clock + late
@@ -118,7 +118,7 @@ class AxesChange(NamedTuple):
 
     words: str
     C: Array  # (3, 3)
-    moved: int  # number of axes that another takes the place of, or `ROTATION_COUNT`
+    moved: int  # number of axes that another one replaces, or `ROTATION_COUNT`
 
 
 class RatePair(NamedTuple):
@@ -136,17 +136,17 @@ class Agreement:
     """Agreement of the rates and attitudes of the tables."""
 
     residual: float  # as read, RMS over that of the motion
-    best: Reading | None = None  # of those that fit much better, and as well as any of them, the one that changes least
-    where: str = ""  # where in time a misfit lies that no reading mends
+    best: Reading | None = None  # of the readings that fit best, much better than as read, the one with the fewest changes
+    where: str = ""  # place in time of a misfit that no reading removes
 
     @property
     def fits(self) -> bool:
-        """Whether the rates agree with the attitudes as read; a calibration finds what rotated or skew axes change."""
-        return self.residual <= HOPELESS and (self.best is None or self.best.kind in ("rotation", "axes"))
+        """Whether the rates agree with the attitudes as read; a calibration estimates rotated or skew axes."""
+        return self.residual <= USABLE_RESIDUAL and (self.best is None or self.best.kind in ("rotation", "axes"))
 
     @property
     def sentence(self) -> str:
-        """The misfit, and the reading that fits."""
+        """The misfit as read, and the reading that fits."""
         lead = f"rates and attitudes do not fit each other: they differ by {100 * self.residual:.0f} % of the motion"
         if self.best is not None:
             return f"{lead}; {self.best.sentence}"
@@ -158,9 +158,9 @@ class Agreement:
 
     @property
     def summary(self) -> str:
-        """State the misfit as read; a large misfit is never called a fit."""
+        """The misfit as read; a large misfit is never called a fit."""
         share = f"they differ by {100 * self.residual:.2g} % of the motion"
-        if self.residual <= FITS:
+        if self.residual <= FITTING_RESIDUAL:
             return f"rates and attitudes fit each other: {share}"
         return f"rates and attitudes fit only roughly: {share}{f'; {self.where}' if self.where else ''}"
 
@@ -171,7 +171,7 @@ def evaluate_agreement(
     time_unit: str = "",
     order: str = "",
     reverse: bool = False,
-    others: Sequence[AttitudeReading] = (),
+    alternatives: Sequence[AttitudeReading] = (),
     G: Array | None = None,
     accumulated: bool = False,
 ) -> Agreement:
@@ -179,61 +179,64 @@ def evaluate_agreement(
 
     Parameters
     ----------
-    unit, time_unit, order : as which rates, times and quaternions are read; others are tried in their place, of "" none
+    unit, time_unit, order : of rates, times and quaternions as read; the alternatives to each are tried, none to ""
     reverse : whether the quaternions on file have been conjugated to be inertial to body
-    others : further attitudes that the table may mean
-    G : (3, 3) that has turned the rates of three gyros into those of the windows; None does not ask for the gyros' directions
+    alternatives : further readings of the attitudes
+    G : (3, 3) from the readings of three gyros to the rates of the windows; with None the gyros' axes are not estimated
     accumulated : whether the rates are differences of an accumulated angle, which a factor of time makes smaller
     """
     as_read = _evaluate_as_read(windows)
-    if as_read <= FITS:
+    if as_read <= FITTING_RESIDUAL:
         return Agreement(as_read)
-    attitudes = [more for one in (AttitudeReading((), windows.q), *others) for more in _list_attitudes(one, order, reverse)]
+    given = AttitudeReading((), windows.q), *alternatives
+    attitudes = [attitude for reading in given for attitude in _list_attitudes(reading, order, reverse)]
     scales = _list_scales(unit, time_unit)
     pairs = _pair_rates(Tags(windows), attitudes)
-    named = [reading for pair in pairs for reading in _list_readings(pair, scales, TURNS)]
-    if _find_least(named) > FITS:
+    named = [reading for pair in pairs for reading in _list_readings(pair, scales, SIGNED_AXES)]
+    if not any(reading.residual <= FITTING_RESIDUAL for reading in named):
         aligned = [pair for tags in _align_tags(windows, attitudes, accumulated) for pair in _pair_rates(tags, attitudes)]
-        named += [reading for pair in aligned if pair.tags.factor == 1 for reading in _list_readings(pair, scales, TURNS)]
+        named += [reading for pair in aligned if pair.tags.factor == 1 for reading in _list_readings(pair, scales, SIGNED_AXES)]
         pairs += aligned
-    best, smallest = _choose(named, None, min(as_read, 2 * HOPELESS))
-    if smallest > FITS:
-        best, smallest = _choose([number for pair in pairs for number in _list_numbers(pair, scales)], best, smallest)
-    if smallest > FITS and G is not None:
-        # Only with the tags of the best reading before: a free matrix beside other tags fits errors of both.
+    best, smallest = _choose_reading(named, None, min(as_read, 2 * USABLE_RESIDUAL))
+    if smallest > FITTING_RESIDUAL:
+        numeric = [reading for pair in pairs for reading in _list_numeric_readings(pair, scales)]
+        best, smallest = _choose_reading(numeric, best, smallest)
+    if smallest > FITTING_RESIDUAL and G is not None:
+        # Only with the tags of the best reading so far: a free matrix with other tags fits errors of both.
         offset_s = 0.0 if best is None else best.offset_s
-        kept = [pair for pair in pairs if pair.tags.offset_s == offset_s and pair.tags.factor == 1]
-        best, _ = _choose([axis for pair in kept for axis in _list_free_axes(pair, scales, G)], best, smallest)
-    is_mended = best is not None and best.kind in ("named", "alignment")
-    return Agreement(as_read, best, "" if is_mended else _describe_misfit(windows))
+        same_tags = [pair for pair in pairs if pair.tags.offset_s == offset_s and pair.tags.factor == 1]
+        free_axes = [reading for pair in same_tags for reading in _list_free_axes(pair, scales, G)]
+        best, _ = _choose_reading(free_axes, best, smallest)
+    is_removed = best is not None and best.kind in ("named", "alignment")
+    return Agreement(as_read, best, "" if is_removed else _describe_misfit(windows))
 
 
 def explain_refusal(error: LargeResidualError) -> str:
-    """Give the text of an error with the reading of the tables that would fit, if there is one."""
+    """Return the text of an error with the reading of the tables that would fit, if there is one."""
     reason = "" if error.start is None else _explain_residuals(*error.start)
     return f"{error}; {reason}" if reason else str(error)
 
 
 def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
-    """Explain large residuals of a recording with the parameters it starts from; empty without an explanation."""
+    """Explain large residuals of a recording at its a-priori G and bias; empty without an explanation."""
     gyro, references = recording.gyro, recording.attitudes
     if not gyro.rates.any():
         return "all rates are zero"
     windows = build_motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
     if windows is None:
         return ""
-    found = evaluate_agreement(windows, "deg/s", "s", "scalar-last")
-    if found.best is not None and found.fits:
-        return f"rates and attitudes fit much better if imported anew: {found.best.sentence}"
-    if found.best is not None:
-        return f"{found.sentence}{', as an option of gyrocal import' if found.best.kind == 'alignment' else ''}"
-    missing = None if windows.is_coarse else estimate_constant_bias(windows)
-    if missing is None:
-        return f"{found.summary}; {_describe_misfit(windows)}" if not found.where else found.summary
+    agreement = evaluate_agreement(windows, "deg/s", "s", "scalar-last")
+    if agreement.best is not None and agreement.fits:
+        return f"rates and attitudes fit much better if imported anew: {agreement.best.sentence}"
+    if agreement.best is not None:
+        return f"{agreement.sentence}{', as an option of gyrocal import' if agreement.best.kind == 'alignment' else ''}"
+    bias_error = None if windows.is_coarse else estimate_constant_bias(windows)
+    if bias_error is None:
+        return f"{agreement.summary}; {_describe_misfit(windows)}" if not agreement.where else agreement.summary
     longest = max(interval.stop_s - interval.start_s for interval in recording.intervals)
-    if np.linalg.norm(missing) * longest < LARGE_DRIFT:
+    if np.linalg.norm(bias_error) * longest < LARGE_DRIFT:
         return ""
-    values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + missing))
+    values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + bias_error))
     return (
         f"rates and attitudes fit each other with a bias of {values} deg/s: give it as apriori_bias_deg_s, as the mean "
         f"of a rest would, or split the intervals, of which the longest has {longest:.6g} s"
@@ -248,28 +251,24 @@ def _describe_misfit(windows: Motion) -> str:
 
 
 def _evaluate_as_read(windows: Motion) -> float:
-    """Residual of the tables as they are read over that of the motion, less a constant bias if that is smaller."""
-    gyro, inside = windows.gyro()
-    reference = windows.attitudes()[inside]
+    """Compute the RMS misfit of the tables as read over the RMS motion, with or without a constant bias, whichever is less."""
+    gyro, inside = windows.compute_gyro_rates()
+    reference = windows.compute_attitude_rates()[inside]
     if len(reference) < FEWEST_RATE_WINDOWS:
         return np.inf
-    left = reference - gyro[inside]
-    centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
-    return min(_compute_rms(left) / _compute_rms(reference), centred)
+    residual = reference - gyro[inside]
+    centred = _compute_rms(residual - residual.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
+    return min(_compute_rms(residual) / _compute_rms(reference), centred)
 
 
-def _find_least(readings: Sequence[Reading]) -> float:
-    return min((reading.residual for reading in readings), default=np.inf)
-
-
-def _choose(readings: Sequence[Reading], before: Reading | None, residual: float) -> tuple[Reading | None, float]:
-    """The reading that changes least of those that fit best, or the one before unless they halve its residual."""
-    least = _find_least(readings)
-    if least > LARGEST_RESIDUAL_RATIO * residual:
-        return before, residual
-    good = [reading for reading in readings if reading.residual <= max(RESIDUAL_TIE_FACTOR * least, least + 0.02)]
-    best = min(good, key=lambda one: (one.count, one.residual))
-    is_tied = best.kind == "named" and sum(one.count == best.count for one in good) > 1
+def _choose_reading(readings: Sequence[Reading], previous: Reading | None, residual: float) -> tuple[Reading | None, float]:
+    """Choose the reading with the fewest changes among those that fit best; the previous one unless its residual halves."""
+    smallest = min((reading.residual for reading in readings), default=np.inf)
+    if smallest > LARGEST_RESIDUAL_RATIO * residual:
+        return previous, residual
+    good = [reading for reading in readings if reading.residual <= max(RESIDUAL_TIE_FACTOR * smallest, smallest + 0.02)]
+    best = min(good, key=lambda candidate: (candidate.count, candidate.residual))
+    is_tied = best.kind == "named" and sum(reading.count == best.count for reading in good) > 1
     return replace(best, is_tied=is_tied), best.residual
 
 
@@ -277,27 +276,27 @@ def _choose(readings: Sequence[Reading], before: Reading | None, residual: float
 
 
 def _list_attitudes(given: AttitudeReading, order: str, reverse: bool) -> list[AttitudeReading]:
-    """All readings of attitudes, with other orders of the elements on file and in both directions."""
+    """List the readings of attitudes with each order of the elements on file and in both directions."""
     on_file = given.q * (CONJUGATE if reverse else 1.0)
     out = []
     for places, word in {(0, 1, 2, 3): "", **ALTERNATIVE_ORDERS[order]}.items():
         q = on_file[:, places] * (CONJUGATE if reverse else 1.0)
         words = (*given.words, *filter(None, (word,)))
         out.append(AttitudeReading(words, q))
-        # An exchange with the other direction as well is a turn of the axes, and those are tried for every reading.
+        # An exchange together with the other direction is a change of the axes, which is tried for every reading.
         if "exchanged" not in word:
             out.append(AttitudeReading((*words, DIRECTION_WORDS[reverse]), q * CONJUGATE))
     return out
 
 
 def _align_tags(windows: Motion, attitudes: Sequence[AttitudeReading], accumulated: bool) -> list[Tags]:
-    """Tags with an offset, and with an offset and a clock rate, where the reading that fits best shows these."""
+    """List the tags with an offset, and with an offset and a clock rate, if the reading that fits best shows them."""
     starts = search_starts(windows.t_s, windows.angle, windows.t_ref, windows.q)
-    moved = [Tags(made, *start) for start in starts if (made := windows.move_tags(*start, accumulated)) is not None]
+    shifted = [Tags(aligned, *start) for start in starts if (aligned := windows.move_tags(*start, accumulated)) is not None]
     out = []
     for with_clock in (False, True):
-        allowed = [one for one in moved if with_clock or one.factor == 1]
-        candidates = [one._replace(windows=replace(one.windows, q=other.q)) for one, other in product(allowed, attitudes)]
+        allowed = [tags for tags in shifted if with_clock or tags.factor == 1]
+        candidates = [tags._replace(windows=replace(tags.windows, q=read.q)) for tags, read in product(allowed, attitudes)]
         nearest = min(candidates, key=lambda candidate: _compute_orthogonal_misfit(candidate.windows))
         fit = refine(nearest.windows, reverse=False, with_clock=with_clock, mirrored=True)
         if fit is None:
@@ -305,14 +304,14 @@ def _align_tags(windows: Motion, attitudes: Sequence[AttitudeReading], accumulat
         offset, factor = nearest.offset_s + fit.offset_s, nearest.factor * fit.time_factor
         is_late = abs(offset) > SIGNIFICANT_IN_SIGMA * fit.offset_sigma
         is_clock_off = abs(factor - 1) > SIGNIFICANT_IN_SIGMA * fit.time_sigma
-        made = windows.move_tags(offset * is_late, factor, accumulated)
-        if made is not None and (is_clock_off if with_clock else is_late):
-            out.append(Tags(made, offset * is_late, factor))
+        aligned = windows.move_tags(offset * is_late, factor, accumulated)
+        if aligned is not None and (is_clock_off if with_clock else is_late):
+            out.append(Tags(aligned, offset * is_late, factor))
     return out
 
 
 def _compute_orthogonal_misfit(windows: Motion) -> float:
-    """Share of the motion's square that the best rotation or reflection, factor and bias leave."""
+    """Compute the share of the motion's square that the best rotation or reflection, factor and bias leave."""
     for pair in _pair_rates(Tags(windows), [AttitudeReading((), windows.q)]):
         _, common = rotate_onto(pair.reference, pair.gyro, mirrored=True)
         return 1 - common**2 / max(float(np.sum(pair.reference**2) * np.sum(pair.gyro**2)), np.finfo(float).tiny)
@@ -320,54 +319,54 @@ def _compute_orthogonal_misfit(windows: Motion) -> float:
 
 
 def _pair_rates(tags: Tags, attitudes: Sequence[AttitudeReading]) -> list[RatePair]:
-    """Mean rates by both sides of each reading of the attitudes; none of too few windows."""
-    gyro, inside = tags.windows.gyro()
+    """Pair the gyro's mean rates with those of each reading of the attitudes; empty if there are too few windows."""
+    gyro, inside = tags.windows.compute_gyro_rates()
     if inside.sum() < FEWEST_RATE_WINDOWS:
         return []
     g = gyro[inside] - gyro[inside].mean(axis=0)
-    rates = [replace(tags.windows, q=attitude.q).attitudes()[inside] for attitude in attitudes]
-    return [RatePair(one.words, tags, r - r.mean(axis=0), g) for one, r in zip(attitudes, rates, strict=True)]
+    rates = [replace(tags.windows, q=attitude.q).compute_attitude_rates()[inside] for attitude in attitudes]
+    return [RatePair(attitude.words, tags, r - r.mean(axis=0), g) for attitude, r in zip(attitudes, rates, strict=True)]
 
 
 # ---- readings of the rates -------------------------------------------------------------------------------------------------
 
 
-def _list_readings(pair: RatePair, scales: Mapping[str, float], turns: Sequence[AxesChange]) -> list[Reading]:
-    """The readings of one pair with each factor and each order, sign or rotation of the gyro's axes."""
-    whole, own = float(np.sum(pair.reference**2)), float(np.sum(pair.gyro**2))
+def _list_readings(pair: RatePair, scales: Mapping[str, float], axes_changes: Sequence[AxesChange]) -> list[Reading]:
+    """List the readings of one pair with each factor and each order, sign or rotation of the gyro's axes."""
+    reference_square, gyro_square = float(np.sum(pair.reference**2)), float(np.sum(pair.gyro**2))
     cross = pair.reference.T @ pair.gyro
     out = []
-    for (name, scale), turn in product(scales.items(), turns):
-        left = max(whole - 2 * scale * float(np.sum(turn.C * cross)) + scale**2 * own, 0.0)
-        if left >= whole:
+    for (name, scale), axes in product(scales.items(), axes_changes):
+        residual_square = max(reference_square - 2 * scale * float(np.sum(axes.C * cross)) + scale**2 * gyro_square, 0.0)
+        if residual_square >= reference_square:
             continue
-        kind: Literal["named", "rotation", "alignment"] = "rotation" if turn.moved == ROTATION_COUNT else "named"
+        kind: Literal["named", "rotation", "alignment"] = "rotation" if axes.moved == ROTATION_COUNT else "named"
         if FACTOR in name or pair.tags.factor != 1:
             kind = "alignment"
-        changes = (*pair.words, *filter(None, (name, turn.words)), *pair.tags.words)
-        count = turn.moved + bool(name) + len(pair.words) + len(pair.tags.words)
-        out.append(Reading(kind, changes, count, float(np.sqrt(left / whole)), pair.tags.offset_s))
+        changes = (*pair.words, *filter(None, (name, axes.words)), *pair.tags.words)
+        count = axes.moved + bool(name) + len(pair.words) + len(pair.tags.words)
+        out.append(Reading(kind, changes, count, float(np.sqrt(residual_square / reference_square)), pair.tags.offset_s))
     return out
 
 
-def _list_numbers(pair: RatePair, scales: Mapping[str, float]) -> list[Reading]:
-    """The readings of one pair with the rotation of the gyro's axes, and the factor of the rates, that fit best."""
+def _list_numeric_readings(pair: RatePair, scales: Mapping[str, float]) -> list[Reading]:
+    """List the readings of one pair with the rotation of the gyro's axes, and the factor of the rates, that fit best."""
     if len(pair.gyro) < LEAST_WINDOWS:
         return []
     rotation = rotate_onto(pair.reference, pair.gyro)[0]
     angle = np.rad2deg(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1.0, 1.0)))
     words = f"--mounting estimate, which rotates the gyro's axes by {angle:.3g} deg"
-    own, cross, out = float(np.sum(pair.gyro**2)), pair.reference.T @ pair.gyro, []
-    for turn in (*TURNS, AxesChange(words, rotation, ROTATION_COUNT)):
-        factor = float(np.sum(turn.C * cross)) / own
+    gyro_square, cross, out = float(np.sum(pair.gyro**2)), pair.reference.T @ pair.gyro, []
+    for axes in (*SIGNED_AXES, AxesChange(words, rotation, ROTATION_COUNT)):
+        factor = float(np.sum(axes.C * cross)) / gyro_square
         is_free = factor > 0 and _find_scale(factor, scales) is None
         free = {f"the rates times {factor:.6g} ({FACTOR})": factor} if is_free else {}
-        out += _list_readings(pair, {**scales, **free}, [turn])
+        out += _list_readings(pair, {**scales, **free}, [axes])
     return out
 
 
 def _list_free_axes(pair: RatePair, scales: Mapping[str, float], G: Array) -> list[Reading]:
-    """The reading of one pair with three gyros in the directions and with the factors that fit best, if these are unusual.
+    """List the reading of one pair with the directions and factors of three gyros that fit best; none if these are usual.
 
     With w_ref = M D u + b and the gyros' own readings D u, D diagonal and u of RMS one, the rows of M⁻¹ are the gyros'
     directions in the axes of the attitudes, and their lengths times D the inverses of the gyros' factors.
@@ -376,41 +375,41 @@ def _list_free_axes(pair: RatePair, scales: Mapping[str, float], G: Array) -> li
     if len(raw) < LEAST_WINDOWS or not raw.any(axis=0).all():
         return []
     size = np.sqrt(np.mean(np.square(raw), axis=0))
-    least = np.linalg.svd(raw / size, compute_uv=False)[-1]
+    smallest_motion = np.linalg.svd(raw / size, compute_uv=False)[-1]
     M = np.linalg.lstsq(raw / size, r, rcond=None)[0].T
-    if not least > 0 or not abs(np.linalg.det(M)) > 0:
+    if not smallest_motion > 0 or not abs(np.linalg.det(M)) > 0:
         return []
-    K, left = np.linalg.inv(M), _compute_rms(r - raw / size @ M.T)
+    K, residual = np.linalg.inv(M), _compute_rms(r - raw / size @ M.T)
     length = np.linalg.norm(K, axis=1)
     # δK = −K δM K, largest about the direction in which the motion is smallest; overlapping windows share their errors.
     windows = pair.tags.windows
     overlap = len(windows.rows) * float(np.median(windows.stop_s - windows.start_s)) / np.ptp(windows.start_s)
-    sigma = left * np.sqrt(max(overlap, 1.0) / 3) / least * float(length.max())
-    odd = _describe_odd_factor(1 / (size * length))
-    words = _describe_axes(K / length[:, None], sigma) + odd
+    sigma = residual * np.sqrt(max(overlap, 1.0) / 3) / smallest_motion * float(length.max())
+    odd_factor = _describe_odd_factor(1 / (size * length))
+    words = _describe_axes(K / length[:, None], sigma) + odd_factor
     if not words:
         return []
     factor = float(np.median(1 / (size * length)))
-    known = _find_scale(factor, scales)
-    scaled = f"the rates times {factor:.4g} ({FACTOR})" if known is None else known
+    scale_name = _find_scale(factor, scales)
+    scaled = f"the rates times {factor:.4g} ({FACTOR})" if scale_name is None else scale_name
     changes = (*pair.words, *filter(None, (scaled,)), *words, *pair.tags.words)
-    kind: Literal["named", "axes"] = "named" if odd else "axes"
-    return [Reading(kind, changes, len(changes), left / _compute_rms(r), pair.tags.offset_s)]
+    kind: Literal["named", "axes"] = "named" if odd_factor else "axes"
+    return [Reading(kind, changes, len(changes), residual / _compute_rms(r), pair.tags.offset_s)]
 
 
 def _describe_axes(axes: Array, sigma: float) -> tuple[str, ...]:
-    """State the directions (3, 3) of gyros that are not at right angles, or left-handed; nothing of others."""
+    """Describe the directions (3, 3) of gyros that are not at right angles, or left-handed; empty for others."""
     cosines = (axes[[0, 0, 1]] * axes[[1, 2, 2]]).sum(axis=1)
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     skew = float(np.abs(angles - np.pi / 2).max())
     if skew < max(LEAST_SKEW, SIGNIFICANT_IN_SIGMA * sigma) and np.linalg.det(axes) > 0:
         return ()
     rows = ";".join(",".join(f"{value:.3f}" for value in row) for row in axes)
-    return (f"gyros that are {', '.join(f'{one:.0f}' for one in np.rad2deg(angles))} deg apart, not 90: --axes '{rows}'",)
+    return (f"gyros that are {', '.join(f'{angle:.0f}' for angle in np.rad2deg(angles))} deg apart, not 90: --axes '{rows}'",)
 
 
 def _describe_odd_factor(factors: Array) -> tuple[str, ...]:
-    """Name the gyro whose factor (3,) differs from that of the two others by more than a gyro's own; nothing of others."""
+    """Describe the gyro whose factor, of (3,), has another unit than the two others; empty without one."""
     ratios = factors / np.median(factors)
     odd = int(np.argmax(np.abs(np.log(ratios))))
     if 1 / LARGEST_FACTOR <= ratios[odd] <= LARGEST_FACTOR:
@@ -419,18 +418,18 @@ def _describe_odd_factor(factors: Array) -> tuple[str, ...]:
 
 
 def _find_scale(factor: float, scales: Mapping[str, float]) -> str | None:
-    """The name of the scale that a factor is near to, within a gyro's own scale error."""
+    """Find the name of the scale near a factor, within a gyro's own scale error; None without one."""
     return next((name for name, scale in scales.items() if abs(factor / scale - 1) < LEAST_FACTOR), None)
 
 
 def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
-    """Factors of the gyro's rates with the units that they stand for, the one as read first."""
+    """List the factors of the gyro's rates by the change of units that causes each; the first is as read."""
     out = {"": 1.0}
     if unit in ALTERNATIVE_RATE_UNITS:
         for true in ALTERNATIVE_RATE_UNITS:
             out |= {f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit]} if true != unit else {}
     if time_unit in ALTERNATIVE_TIME_UNITS[:3]:
-        # Times that are read too long make the attitudes' rates too small.
+        # Times read in too large a unit make the attitudes' rates too small.
         read = TIME_UNITS[time_unit]
         for true in ALTERNATIVE_TIME_UNITS:
             out |= {f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true])} if true != time_unit else {}
@@ -438,8 +437,8 @@ def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
     return out
 
 
-def _list_turns() -> list[AxesChange]:
-    """The 48 orders and signs of three axes, with words for those that are not as read."""
+def _list_axes_changes() -> list[AxesChange]:
+    """List the 48 orders and signs of three axes, with words for all but the order as read."""
     out = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         C = np.zeros((3, 3))
@@ -451,41 +450,42 @@ def _list_turns() -> list[AxesChange]:
 
 
 def _compute_rms(values: Array) -> float:
+    """Compute the RMS length of vectors (n, 3), which is never zero."""
     return max(float(np.sqrt(np.mean(np.sum(np.square(values), axis=1)))), np.finfo(float).tiny)
 
 
-TURNS = _list_turns()
+SIGNED_AXES = _list_axes_changes()
 
 
 # ---- a nearly constant motion ----------------------------------------------------------------------------------------------
 
 
 def describe_mean_rates(windows: Motion) -> str:
-    """Describe the disagreement of the gyro's axes with the mean rates of a nearly constant motion; empty without one.
+    """Describe a difference between the mean rates of a nearly constant motion by gyro and attitudes; empty without one.
 
-    A constant bias explains any difference of the two, so that no reading is refused for it. No mounting changes the size.
+    A constant bias explains any difference of the two, so no reading is refused for it. No mounting changes the size.
     """
-    gyro, inside = windows.gyro()
-    reference, gyro = windows.attitudes()[inside], gyro[inside]
+    gyro, inside = windows.compute_gyro_rates()
+    reference, gyro = windows.compute_attitude_rates()[inside], gyro[inside]
     if len(gyro) < FEWEST_RATE_WINDOWS:
         return ""
     mean_ref, mean_gyro = reference.mean(axis=0), gyro.mean(axis=0)
     by_attitudes, by_gyro = float(np.linalg.norm(mean_ref)), float(np.linalg.norm(mean_gyro))
-    if windows.is_coarse or _compute_rms(gyro - mean_gyro) > FITS * by_gyro:
-        return ""  # there the motion tells
+    if windows.is_coarse or _compute_rms(gyro - mean_gyro) > FITTING_RESIDUAL * by_gyro:
+        return ""  # the motion decides
     span = float(windows.stop_s[inside][-1] - windows.start_s[inside][0])
     independent = max(span / float(np.median(windows.stop_s - windows.start_s)), 1.0)
     sigma = _compute_rms(reference - mean_ref) / np.sqrt(independent)
     difference = float(np.linalg.norm(mean_ref - mean_gyro))
     is_seen = by_attitudes >= SIGNIFICANT_IN_SIGMA * sigma
-    if not is_seen or difference <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * sigma):
+    if not is_seen or difference <= max(FITTING_RESIDUAL * by_attitudes, SIGNIFICANT_IN_SIGMA * sigma):
         return ""
     # Errors across the rate lengthen it by half their square over it.
     along = float(np.std((reference - mean_ref) @ mean_ref)) / by_attitudes / np.sqrt(independent)
     size_sigma = along + sigma**2 / (2 * by_attitudes)
     shown = np.rad2deg([by_gyro, by_attitudes, size_sigma, difference])
     sizes = f"the mean rate is {shown[0]:.4g} deg/s by the gyro, {shown[1]:.4g} ± {shown[2]:.1g} deg/s by the attitudes"
-    if abs(by_gyro - by_attitudes) <= max(FITS * by_attitudes, SIGNIFICANT_IN_SIGMA * size_sigma):
+    if abs(by_gyro - by_attitudes) <= max(FITTING_RESIDUAL * by_attitudes, SIGNIFICANT_IN_SIGMA * size_sigma):
         return f"{sizes}, in another direction: a bias of {shown[3]:.3g} deg/s, or a rotation (--mounting estimate)"
     return (
         f"{sizes}, which no rotation explains: a bias of {shown[3]:.3g} deg/s, gyros that are not at right angles (--axes), "

@@ -33,7 +33,7 @@ TDB = ["DELTET/DELTA_T_A = 32.184", "DELTET/K = 1.657D-3", "DELTET/EB = 1.671D-2
 
 @contextmanager
 def _open_toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
-    """Give NAIF's toolkit with some kernels loaded, and unload them afterwards."""
+    """Yield NAIF's toolkit with some kernels loaded, and unload them afterwards."""
     try:
         import spiceypy
     except ImportError:
@@ -57,7 +57,7 @@ def _open_toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
 def read_ck(
     path: str | os.PathLike[str], sclk: str | os.PathLike[str], instrument: int | None = None, spacecraft: int | None = None
 ) -> Aem:
-    """Attitudes with times in GPS time.
+    """Read the attitudes of an instrument with times in GPS time.
 
     An `InputError` if one of the two cannot be used.
 
@@ -71,12 +71,12 @@ def read_ck(
     with _open_toolkit(f"{path}, {sclk}", sclk, path) as spice:
         if spice.getfat(str(path)) != ("DAF", "CK"):
             raise InputError(f"{path}: not a binary C-kernel of SPICE")
-        there = sorted(spice.ckobj(str(path)))
-        if instrument is None and len(there) == 1:
-            instrument = int(there[0])
-        if instrument is None or instrument not in there:
-            which = f"no instrument {instrument}" if instrument is not None else "several instruments"
-            raise InputError(f"{path}: {which}; there are {', '.join(map(str, there))}")
+        instruments = sorted(spice.ckobj(str(path)))
+        if instrument is None and len(instruments) == 1:
+            instrument = int(instruments[0])
+        if instrument is None or instrument not in instruments:
+            problem = f"no instrument {instrument}" if instrument is not None else "several instruments"
+            raise InputError(f"{path}: {problem}; there are {', '.join(map(str, instruments))}")
         ticks, frame = _read_tags(spice, path, instrument)
         number = int(instrument / 1000) if spacecraft is None else spacecraft
         C = np.array([spice.ckgp(instrument, tick, 0.0, frame)[0] for tick in ticks])
@@ -87,7 +87,7 @@ def read_ck(
 
 
 def _read_tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
-    """Encoded spacecraft clock (m,) of an instrument's attitudes, and the inertial frame that they are in.
+    """Read the encoded spacecraft clock (m,) of an instrument's attitudes, and their inertial frame.
 
     A segment's numbers lie one kind after another. Types 1 and 3: n quaternions (with rates 7 numbers each), n times. Type 2: n
     turns of 8 numbers, n starts, n stops (NAIF, "CK Required Reading").
@@ -117,8 +117,8 @@ def _read_tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
 
 
 def _convert_to_gps(spice: Any, tdb_s: Array) -> Clock:
-    """GPS time at (n,) seconds of TDB past J2000, which are doubles: they resolve 1e-7 s."""
-    tt_s = np.array([spice.unitim(one, "TDB", "TDT") for one in tdb_s])
+    """Convert (n,) seconds of TDB past J2000, which as doubles resolve 1e-7 s, to GPS time."""
+    tt_s = np.array([spice.unitim(second, "TDB", "TDT") for second in tdb_s])
     floor = np.floor(tt_s)
     part = tt_s - floor + float(GPS_AT_J2000 % 1)
     carry = np.floor(part)

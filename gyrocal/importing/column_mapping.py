@@ -1,14 +1,14 @@
-"""What the columns of somebody's tables mean: a mapping, from options or from a TOML file of the same words.
+"""Mapping: the meaning of the columns of somebody's tables, from options or from a TOML file with the same entries.
 
     time = "timestamp_ms:ms"
     gyro = "gx,gy,gz:deg/s"
     quat = "qw,qx,qy,qz:body-to-inertial"
 
-A text names columns, separated by commas, and after colons what they are. A column's name with a minus before it is read with
-the other sign. The scalar part of a quaternion is the element whose name ends in w, or in 0; otherwise scalar-first or
-scalar-last must be said.
+A text names columns, separated by commas, and after colons their unit, order or direction. A minus before a column's name
+changes its sign. The scalar part of a quaternion is the element whose name ends in w, or in 0; otherwise scalar-first or
+scalar-last must be stated.
 
-Direction: "body-to-inertial" says that the rotation takes components of a vector in body axes to those in inertial ones,
+Direction: "body-to-inertial" means that the rotation takes components of a vector in body axes to those in inertial ones,
 v_inertial = q v q* with Hamilton's product, or v_inertial = M v with a matrix. Euler angles are those of
 ``Rotation.from_euler(sequence, angles)`` of scipy, columns in the order of the sequence, capitals for rotated axes; its matrix
 takes vectors in the same way. A(q) of a recording then is the same quaternion, scalar last; see `gyrocal.attitude`.
@@ -22,7 +22,6 @@ from shlex import quote
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +29,7 @@ from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import format_validation_error, read_toml
-from gyrocal.recording.checks import NORM_TOLERANCE
+from gyrocal.recording.checks import NORM_TOLERANCE, refuse_rows
 from gyrocal.recording.header import IntervalHeader
 
 ATTITUDE_DIRECTIONS = {
@@ -38,9 +37,10 @@ ATTITUDE_DIRECTIONS = {
     "body-to-world": False,
     "inertial-to-body": True,
     "world-to-body": True,
-}  # True: the inverse is meant
+}  # True: the inverse of A(q)'s quaternion
 QUATERNION_ORDERS = ("scalar-first", "scalar-last")
-PLACE = re.compile(r"#?([0-9]{1,6})")
+EULER_SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
+COLUMN_NUMBER = re.compile(r"#?([0-9]{1,6})")
 TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)).tolist()
 
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -51,13 +51,13 @@ Sigma = Positive | Vector
 
 
 class Span(IntervalHeader):
-    """An interval as recording.toml has it, but that its activity need not be said."""
+    """An interval as in recording.toml, with an optional activity."""
 
     activity: str = ""
 
 
 class Mapping(BaseModel):
-    """What the columns mean, and what is known beyond them; None is estimated or taken from the data."""
+    """Meaning of the columns, and known quantities; None is estimated or taken from the data."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -117,7 +117,7 @@ class Mapping(BaseModel):
 
     @property
     def is_counted(self) -> bool:
-        """Whether the order of the gyro's rows, and not their tags, is that of the samples."""
+        """Whether the gyro's samples are in the order of its rows, whatever their tags."""
         return self.rate_hz is not None or self.sample_number is not None
 
     @property
@@ -127,12 +127,17 @@ class Mapping(BaseModel):
 
     @property
     def gyro_factor(self) -> tuple[float, bool]:
-        """Factor from the gyro's columns to rad/s or rad, and whether they are accumulated angles."""
+        """Factor from the unit of the gyro's columns to rad/s or rad, and whether they are accumulated angles."""
         return compute_gyro_factor(self.gyro_unit, self.lsb)
 
     @property
+    def is_accumulated(self) -> bool:
+        """Whether the gyro's columns are accumulated angles."""
+        return self.gyro_factor[1]
+
+    @property
     def attitude(self) -> str:
-        """Which of quat, euler and matrix is given."""
+        """The given one of quat, euler and matrix; an `InputError` if not exactly one is given."""
         given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
         if len(given) != 1:
             raise InputError(
@@ -142,7 +147,7 @@ class Mapping(BaseModel):
         return given[0]
 
     def build_mountings(self) -> dict[str, tuple[Array, Array | None]]:
-        """(3, 3) body to sensor of each sensor whose mounting is stated, and its 1-sigma (3,) rad or None, by name."""
+        """Build the stated mountings by sensor: (3, 3) from body to sensor, and 1-sigma (3,) rad or None."""
         stated, sigmas = self.mountings or {}, self.mounting_sigma_deg or {}
         if stated and self.attitude_by is None:
             raise InputError("mountings: goes with attitude_by, the column that says which sensor a row is of")
@@ -157,28 +162,27 @@ class Mapping(BaseModel):
         return {name: (np.asarray(Rotation.from_quat(q).as_matrix().T), prior.get(name)) for name, q in stated.items()}
 
     def choose_gyros(self, names: list[str]) -> list[int]:
-        """Places of the gyros that are used among all of these names."""
+        """Return the places in the list of names of the gyros that are used."""
         if self.gyros is None:
             return list(range(len(names)))
         plain = [name.removeprefix("-") for name in names]
-        parts = self.gyros.split(",")
-        found = [find_name(part.strip(), plain, "gyros", "gyro") for part in parts]
-        if unknown := dict.fromkeys(part for part, one in zip(parts, found, strict=True) if one is None):
+        signed = {part: find_name(part.strip(), plain, "gyros", "gyro") for part in self.gyros.split(",")}
+        if unknown := [part for part, name in signed.items() if name is None]:
             raise InputError(f"gyros: no gyro {', '.join(unknown)}; there are {', '.join(plain)}, or 1 to {len(names)}")
-        places = [plain.index(one[1]) for one in found if one is not None]
+        places = [plain.index(name[1]) for part in self.gyros.split(",") if (name := signed[part]) is not None]
         if len(places) < 3 or len(set(places)) < len(places):
             raise InputError(f"gyros: three or more different ones are needed, not {self.gyros}")
         return places
 
     def get_relative_noise(self, gyros: int) -> list[float] | None:
-        """Noise of each gyro where it is stated for each, in deg/sqrt(s)."""
+        """Return the stated noise of each gyro, deg/sqrt(s); None if it is not stated for each."""
         stated = self.arw_deg_per_sqrt_s
         if isinstance(stated, list) and len(stated) != gyros:
             raise InputError(f"arw_deg_per_sqrt_s: {len(stated)} numbers, but {gyros} gyros; give one, or one a gyro")
         return stated if isinstance(stated, list) else None
 
-    def directions(self, count: int) -> Array:
-        """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros."""
+    def build_G(self, count: int) -> Array:
+        """Build G (3, count) of the mapping: its own, that of its axes, or the identity for three gyros."""
         if self.G is not None:
             if self.axes is not None:
                 raise InputError("give axes or G, not both")
@@ -193,7 +197,7 @@ class Mapping(BaseModel):
                 )
             G = np.eye(3)
         else:
-            # Any three axes of a tetrahedron are, but for a rotation or a reflection, its first three.
+            # Any three axes of a tetrahedron are its first three after a rotation or a reflection.
             rows = np.array(TETRAHEDRON[: 3 if count == 3 else 4] if self.axes == "tetrahedron" else self.axes)
             if len(rows) != count:
                 raise InputError(f"axes: {len(rows)} rows, but {count} gyros")
@@ -208,29 +212,29 @@ class Mapping(BaseModel):
 
 
 def load_mapping(path: Path) -> dict[str, Any]:
-    """Entries of a mapping file, not yet checked."""
+    """Read the entries of a mapping file without a check."""
     return read_toml(path)
 
 
 def validate_mapping(entries: dict[str, Any], source: str, attitude_needed: bool = True) -> Mapping:
-    """Build a mapping of entries; source is where they stand. An `InputError` if one is not understood or missing."""
+    """Build a mapping of entries; source names their origin. An `InputError` if one is not understood or missing."""
     entries = {key: value for key, value in entries.items() if value is not None}
     for name, example in (("time", "timestamp_ms:ms"), ("gyro", "gx,gy,gz:deg/s")):
         if name not in entries:
             raise InputError(f"{source}: {name} is missing, e.g. --{name} {example}")
     try:
-        made = Mapping.model_validate(entries)
+        mapping = Mapping.model_validate(entries)
     except ValidationError as error:
         raise InputError(f"{source}: {format_validation_error(error, Mapping)}") from None
     if attitude_needed:
-        _ = made.attitude
-    return made
+        _ = mapping.attitude  # raises if none is given
+    return mapping
 
 
 def find_name(text: str, names: list[str], what: str, thing: str = "column") -> tuple[str, str] | None:
-    """Sign, "" or "-", and the name that a text means, by itself or by its number from 1; None without one.
+    """Find the name that a text means, by itself or by its number from 1, and its sign, "" or "-"; None without a name.
 
-    Every option that names columns, gyros or sensors is read by this one rule.
+    Every option that names columns, gyros or sensors is read by this rule.
     """
     if text in names:
         return "", text
@@ -240,7 +244,7 @@ def find_name(text: str, names: list[str], what: str, thing: str = "column") -> 
     uncommented = plain.removeprefix("#").strip()  # a header may begin with the sign of a comment
     if uncommented in names and not uncommented.isdigit():
         return sign, uncommented
-    number = PLACE.fullmatch(plain)
+    number = COLUMN_NUMBER.fullmatch(plain)
     if number is None:
         return None
     if not 1 <= int(number[1]) <= len(names):
@@ -249,7 +253,7 @@ def find_name(text: str, names: list[str], what: str, thing: str = "column") -> 
 
 
 def parse_spec(text: str, what: str) -> tuple[list[str], list[str]]:
-    """Columns and words of "A,B:WORD:WORD"."""
+    """Split a text "A,B:WORD:WORD" into its columns and its words."""
     head, *words = text.split(":")
     names = [name.strip() for name in head.split(",") if name.strip()]
     words = [word.strip() for word in words]
@@ -259,10 +263,10 @@ def parse_spec(text: str, what: str) -> tuple[list[str], list[str]]:
 
 
 def is_scalar_first(names: list[str], words: list[str]) -> bool:
-    """Whether a quaternion's first column is its scalar part, by what is said or by the columns' names."""
-    said = [word for word in words if word in QUATERNION_ORDERS]
-    if len(said) == 1:
-        return said[0] == QUATERNION_ORDERS[0]
+    """Whether a quaternion's first column is its scalar part, by a stated order or by the columns' names."""
+    orders = [word for word in words if word in QUATERNION_ORDERS]
+    if len(orders) == 1:
+        return orders[0] == QUATERNION_ORDERS[0]
     ends = [re.sub(r"[^a-z0-9]", "", name.lower())[-1:] for name in names]
     for mark in ("w", "0", "s"):
         if ends.count(mark) == 1 and ends.index(mark) in (0, 3):
@@ -271,10 +275,10 @@ def is_scalar_first(names: list[str], words: list[str]) -> bool:
 
 
 def convert_attitude(kind: str, text: str, values: Array) -> Array:
-    """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `parse_spec` has named."""
+    """Convert attitude columns (m, 3, 4 or 9) to A(q), (m, 4) scalar last; text is the entry that names the columns."""
     names, words = parse_spec(text, kind)
-    inverse = [ATTITUDE_DIRECTIONS[word] for word in words if word in ATTITUDE_DIRECTIONS]
-    if len(inverse) != 1:
+    reversals = [ATTITUDE_DIRECTIONS[word] for word in words if word in ATTITUDE_DIRECTIONS]
+    if len(reversals) != 1:
         raise InputError(f"{kind}: {text!r} must say one direction: {', '.join(ATTITUDE_DIRECTIONS)}")
     others = [word for word in words if word not in ATTITUDE_DIRECTIONS]
     needed = {"quat": 4, "euler": 3, "matrix": 9}[kind]
@@ -288,27 +292,25 @@ def convert_attitude(kind: str, text: str, values: Array) -> Array:
     if kind == "quat":
         q = np.roll(values, -1, axis=1) if is_scalar_first(names, words) else values
         norm = np.linalg.norm(q, axis=1)
-        _refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
+        refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
         rotation = Rotation.from_quat(q)
     elif kind == "euler":
-        unit = [word for word in others if word in ("deg", "rad")]
-        sequence = [word for word in others if re.fullmatch("[xyz]{3}|[XYZ]{3}", word)]
-        if len(unit) != 1 or len(sequence) != 1 or len(others) != 2:
-            raise InputError(
-                f"euler: {text!r} must say deg or rad and a sequence, e.g. yaw,pitch,roll:deg:ZYX:body-to-inertial"
-            )
-        try:
-            rotation = Rotation.from_euler(sequence[0], values, degrees=unit[0] == "deg")
-        except ValueError as fault:
-            raise InputError(f"euler: {sequence[0]}: {fault}") from None
+        rotation = _convert_euler_angles(text, others, values)
     else:
         M = values.reshape(-1, 3, 3)
-        off = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        _refuse_rows(kind, (off > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
+        deviation = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        refuse_rows(kind, (deviation > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
         rotation = Rotation.from_matrix(M)
-    return np.asarray((rotation.inv() if inverse[0] else rotation).as_quat())
+    return np.asarray((rotation.inv() if reversals[0] else rotation).as_quat())
 
 
-def _refuse_rows(kind: str, bad: NDArray[np.bool_], what: str) -> None:
-    if bad.any():
-        raise InputError(f"{kind}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")
+def _convert_euler_angles(text: str, words: list[str], values: Array) -> Rotation:
+    """Convert Euler angles (m, 3) to rotations by the unit and the sequence among the words of an entry."""
+    unit = [word for word in words if word in ("deg", "rad")]
+    sequence = [word for word in words if EULER_SEQUENCE.fullmatch(word)]
+    if len(unit) != 1 or len(sequence) != 1 or len(words) != 2:
+        raise InputError(f"euler: {text!r} must say deg or rad and a sequence, e.g. yaw,pitch,roll:deg:ZYX:body-to-inertial")
+    try:
+        return Rotation.from_euler(sequence[0], values, degrees=unit[0] == "deg")
+    except ValueError as fault:
+        raise InputError(f"euler: {sequence[0]}: {fault}") from None

@@ -1,7 +1,7 @@
-"""Columns by name or by number, in every entry of a mapping that names some.
+"""Columns by name or by number, in every entry of a mapping that names columns.
 
-A name may be a column's number from 1, as "#9", or as "9" where no column has that name. Elements of one group, such as
-"Gyroscope X" of two header rows, may be named without it where no other group has all of them.
+A name may be a column's number from 1, as "#9", or as "9" if no column has that name. Elements of one group, such as
+"Gyroscope X" of two header rows, may be named without the group if no other group has all of them.
 """
 
 from __future__ import annotations
@@ -12,35 +12,35 @@ import pandas as pd
 
 from gyrocal.angle_units import ANGLE_UNITS, RATE_UNITS
 from gyrocal.errors import InputError
-from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, PLACE, QUATERNION_ORDERS, Mapping, find_name
+from gyrocal.importing import column_mapping
+from gyrocal.importing.column_mapping import COLUMN_NUMBER, EULER_SEQUENCE, Mapping, find_name
 from gyrocal.importing.units import COUNTS_UNIT, INCREMENT_UNITS, TIME_WORDS
 
-SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
 MAPPING_WORDS = {
-    *ATTITUDE_DIRECTIONS,
-    *QUATERNION_ORDERS,
+    *column_mapping.ATTITUDE_DIRECTIONS,
+    *column_mapping.QUATERNION_ORDERS,
     *ANGLE_UNITS,
     *RATE_UNITS,
     *INCREMENT_UNITS,
     *TIME_WORDS,
     COUNTS_UNIT,
 }
-# Entries with columns of each table, and how many of the pieces between colons are words: None any number from one on.
+# Entries with columns of each table, and the number of words after colons; None allows any number from one.
 GYRO_ENTRIES = {"time": None, "gyro": None, "gyro_by": 0, "sample_number": 0, "temperature": 0, "rows": None}
 ATTITUDE_ENTRIES = {"attitude_time": None, "quat": None, "euler": None, "matrix": None, "attitude_by": 0, "sigma_deg": 0}
 
 
 def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> tuple[pd.DataFrame, pd.DataFrame, Mapping]:
-    """Both tables and the mapping with every column by name.
+    """Return both tables and the mapping with every column by name.
 
-    A name with a comma or a colon, which a mapping cannot hold, gets spaces in their place.
+    A comma or colon in a name, which a mapping cannot hold, is replaced by a space.
 
     gyro, attitude: the tables; the same object where one holds both
     """
-    is_one = gyro is attitude
+    is_shared = gyro is attitude
     entries: dict[str, str] = {}
     renamed_gyro: dict[str, str] = {}
-    renamed_attitude = renamed_gyro if is_one else {}
+    renamed_attitude = renamed_gyro if is_shared else {}
     tables = (gyro, GYRO_ENTRIES, renamed_gyro), (attitude, ATTITUDE_ENTRIES, renamed_attitude)
     for frame, keys, renamed in tables:
         columns = [str(name) for name in frame.columns]
@@ -51,44 +51,46 @@ def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping
             if isinstance(text, str):
                 entries[key] = _resolve_text(text, columns, key, renamed, words)
     gyro = gyro.rename(columns=renamed_gyro)
-    attitude = gyro if is_one else attitude.rename(columns=renamed_attitude)
+    attitude = gyro if is_shared else attitude.rename(columns=renamed_attitude)
     changed = {key: text for key, text in entries.items() if text != getattr(mapping, key)}
     return gyro, attitude, mapping.model_copy(update=changed) if changed else mapping
 
 
-def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, str], count: int | None) -> str:
-    """One text of a mapping with columns by name; as it is where its columns are not in the table.
+def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, str], word_count: int | None) -> str:
+    """Replace the columns in an entry of a mapping by their names; the entry is unchanged if they are not in the table.
 
-    count: of the pieces after the names; None any number from one on.
+    renamed: new names of columns, to which this adds; word_count: number of words after the names; None allows any from one
     """
     pieces = text.split(":")
-    ways = []
-    for first in range(1, len(pieces)) if count is None else [len(pieces) - count]:
+    readings = []
+    for first in range(1, len(pieces)) if word_count is None else [len(pieces) - word_count]:
         head = ":".join(pieces[:first])
         names = [name.strip() for name in ([head] if head in columns else head.split(","))]
         names = _add_group([name for name in names if name], columns, what)
-        found = [find_name(name, columns, what) for name in names]
-        if found and all(found):
-            ways.append((found, [word.strip() for word in pieces[first:]]))
-    if not ways:
+        resolved = [find_name(name, columns, what) for name in names]
+        if resolved and all(resolved):
+            readings.append((resolved, [word.strip() for word in pieces[first:]]))
+    if not readings:
         return text
-    # A column may be named as a word is: the reading whose words are all known goes before.
-    found, words = next(
-        (way for way in ways if all(SEQUENCE.fullmatch(word) or {*word.split("+")} <= MAPPING_WORDS for word in way[1])),
-        ways[0],
-    )
+    # A column may have the name of a word: the reading whose words are all known is preferred.
+    resolved, words = next((reading for reading in readings if all(map(_is_mapping_word, reading[1]))), readings[0])
     names = []
-    for sign, name in (one for one in found if one is not None):
+    for sign, name in filter(None, resolved):
         if re.search("[,:]", name):
             renamed[name] = " ".join(re.sub("[,:]", " ", name).split())
         names.append(sign + renamed.get(name, name))
     return ":".join([",".join(names), *words])
 
 
+def _is_mapping_word(word: str) -> bool:
+    """Whether a word is a unit, or several joined by +, a direction, an order or an Euler sequence."""
+    return EULER_SEQUENCE.fullmatch(word) is not None or {*word.split("+")} <= MAPPING_WORDS
+
+
 def _add_group(names: list[str], columns: list[str], what: str) -> list[str]:
-    """Names with the one group of two header rows that has columns of all of them; as they are where none is needed."""
+    """Add the one group of two header rows that has columns of all these names; unchanged if no group is needed."""
     plain = [name.removeprefix("-").strip() for name in names]
-    if all(name in columns or PLACE.fullmatch(name) for name in plain):
+    if all(name in columns or COLUMN_NUMBER.fullmatch(name) for name in plain):
         return names
     groups = [{column.removesuffix(f" {name}") for column in columns if column.endswith(f" {name}")} for name in plain]
     shared = sorted(set.intersection(*groups)) if groups else []

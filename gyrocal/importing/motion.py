@@ -1,4 +1,4 @@
-"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read."""
+"""Mean rates by gyro and by attitudes over the same windows."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.arrays import Array
 
-WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
+WINDOWS = 60  # fewest in a recording with sufficient attitudes
 MOST_WINDOWS = 4000
-GYRO_GAP_SAMPLES = 3.0  # samples, beyond which the gyro's rate is not known
-HALF = 0.5  # of the misfit's square, whose shortest time is said
-FEWEST_BIAS_WINDOWS = 8  # to tell a bias from other errors
+GYRO_GAP_SAMPLES = 3.0  # samples: over a longer step the gyro's rate is unknown
+MISFIT_SHARE = 0.5  # of the misfit's square, whose shortest stretch of time is located
+FEWEST_BIAS_WINDOWS = 8  # to separate a bias from other errors
 MOST_LEFT_BY_BIAS = 0.1  # of the misfit's square: a step of the bias leaves more, unless it is near an end
-MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
+MOST_WINDOW_TURN = np.deg2rad(20.0)  # rotation in a window: above it the mean rate is not that about the axes at its ends
 
 
 @dataclass(frozen=True)
@@ -37,27 +37,27 @@ class Motion:
 
     @property
     def is_coarse(self) -> bool:
-        """Whether most windows turn too far for their mean rate to be that of the axes at their ends."""
-        gyro, inside = self.gyro()
+        """Whether the body rotates too far in most windows for a mean rate about the axes at their ends."""
+        gyro, inside = self.compute_gyro_rates()
         if not inside.any():
             return False
-        # A large bias of the gyro is no turn of the body.
-        body = gyro[inside] - (gyro - self.attitudes())[inside].mean(axis=0)
+        # A large bias of the gyro is no rotation of the body.
+        body = gyro[inside] - (gyro - self.compute_attitude_rates())[inside].mean(axis=0)
         turn = np.linalg.norm(body, axis=1) * (self.stop_s - self.start_s)[inside]
         return turn.size > 0 and float(np.median(turn)) > MOST_WINDOW_TURN
 
-    def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
-        """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
-        return self.measure(self.start_s + offset_s, self.stop_s + offset_s)
+    def compute_gyro_rates(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Compute the mean rates (n, 3) of the gyro, rad/s, and the windows that it covers."""
+        return self.average_gyro_rates(self.start_s, self.stop_s)
 
-    def measure(self, a: Array, b: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Mean rates (n, 3) of the gyro from times a to b (n,) by its tags, and whether it has samples all the while."""
+    def average_gyro_rates(self, first_s: Array, last_s: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Compute the gyro's mean rates (n, 3) between times (n,) by its tags, rad/s, and whether it has samples throughout."""
         sample_s, lost_s = self._gaps
-        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
-        covered = (a >= self.t_s[0]) & (b <= self.t_s[-1])
+        turn = np.stack([np.interp(last_s, self.t_s, x) - np.interp(first_s, self.t_s, x) for x in self.angle.T], axis=1)
+        covered = (first_s >= self.t_s[0]) & (last_s <= self.t_s[-1])
         if lost_s[-1] > 0:
-            covered &= np.interp(b, self.t_s, lost_s) - np.interp(a, self.t_s, lost_s) <= sample_s
-        return turn / (b - a)[:, None], covered
+            covered &= np.interp(last_s, self.t_s, lost_s) - np.interp(first_s, self.t_s, lost_s) <= sample_s
+        return turn / (last_s - first_s)[:, None], covered
 
     @cached_property
     def _gaps(self) -> tuple[float, Array]:
@@ -66,17 +66,17 @@ class Motion:
         sample_s = float(np.median(steps))
         return sample_s, np.append(0.0, np.cumsum(np.where(steps > GYRO_GAP_SAMPLES * sample_s, steps, 0.0)))
 
-    def attitudes(self, reverse: bool = False) -> Array:
-        """Mean body rates (n, 3) of the attitudes, or of those of the other direction."""
-        turned = Rotation.from_quat(self.q)
+    def compute_attitude_rates(self, reverse: bool = False) -> Array:
+        """Compute the mean body rates (n, 3) of the attitudes, or of their inverses, rad/s."""
+        attitudes = Rotation.from_quat(self.q)
         if reverse:
-            turned = turned.inv()
+            attitudes = attitudes.inv()
         # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
-        body = turned[self.rows[:, 0]].inv() * turned[self.rows[:, 1]]
+        body = attitudes[self.rows[:, 0]].inv() * attitudes[self.rows[:, 1]]
         return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
 
     def move_tags(self, offset_s: float, factor: float, accumulated: bool) -> Motion | None:
-        """Windows with an offset added to the attitudes' tags and the gyro's tags times a factor about the first.
+        """Build the windows with an offset added to the attitudes' tags and the gyro's tags times a factor about the first.
 
         accumulated: whether the rates are differences of an angle, which the factor does not change
         """
@@ -85,13 +85,15 @@ class Motion:
 
 
 def integrate_rates(t_s: Array, rates: Array, sample_s: float) -> tuple[Array, Array]:
-    """Edges (n + 1,) of samples, s, and the integral (n + 1, 3) of their rates up to each, rad."""
+    """Integrate rates (n, 3); return the edges (n + 1,) of the samples, s, and the integral (n + 1, 3) up to each, rad."""
     edges = np.append(t_s, t_s[-1] + sample_s)
     return edges, np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
 
 
 def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple[Array, float]:
-    """Orthogonal C (3, 3) with Σ|reference − C rates|² least, which may be a reflection, and tr(Cᵀ Σ reference ratesᵀ) of it.
+    """Fit the orthogonal C (3, 3) with the least Σ|reference − C rates|²; also return its tr(Cᵀ Σ reference ratesᵀ).
+
+    mirrored: whether C may be a reflection
 
     Source: Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
     """
@@ -101,7 +103,7 @@ def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple
 
 
 def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
-    """Windows of rates (n, 3), rad/s, and attitudes, as `build_windows` chooses them.
+    """Build the windows of rates (n, 3), rad/s, and attitudes, see `build_windows`.
 
     t_s: (n,) tags of the gyro, s
     """
@@ -109,52 +111,54 @@ def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Arr
 
 
 def build_windows(edges: Array, angle: Array, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
-    """Windows over what both sides cover; None if there are too few.
+    """Build windows over the common time of gyro and attitudes; None if there are too few.
 
     edges (n,) s and angle (n, 3) rad are of the gyro, t_ref (m,) and q (m, 4), inertial to body, of the attitudes. There are
-    count windows side by side, or as many as let none turn by more than `MOST_WINDOW_TURN`.
+    count windows side by side, or more, so that the rotation in each is at most `MOST_WINDOW_TURN`.
     """
     inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
     if inside.size < 4:
         return None
     step = float(np.median(np.diff(t_ref[inside])))
-    turned = Rotation.from_quat(q[inside])
-    speed = np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / np.diff(t_ref[inside]), 90)
+    attitudes = Rotation.from_quat(q[inside])
+    speed = np.percentile((attitudes[:-1].inv() * attitudes[1:]).magnitude() / np.diff(t_ref[inside]), 90)
     length = min(MOST_WINDOW_TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
     stride = max(int(length / step), 1)
     first, last = inside[:-stride], inside[stride:]
-    whole = t_ref[last] - t_ref[first] < 1.5 * stride * step
-    if whole.sum() < 3:
+    is_contiguous = t_ref[last] - t_ref[first] < 1.5 * stride * step
+    if is_contiguous.sum() < 3:
         return None
-    chosen = np.flatnonzero(whole)
-    chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
-    rows = np.stack([first[chosen], last[chosen]], axis=1)
+    selected = np.flatnonzero(is_contiguous)
+    selected = selected[:: max(selected.size // MOST_WINDOWS, 1)]
+    rows = np.stack([first[selected], last[selected]], axis=1)
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)
 
 
 def locate_misfit(windows: Motion) -> str:
-    """The shortest stretch of time with half of the misfit's square, in words."""
-    gyro, inside = windows.gyro()
-    e = (windows.attitudes() - gyro)[inside]
+    """Describe the shortest stretch of time with half of the misfit's square; empty without a misfit."""
+    gyro, inside = windows.compute_gyro_rates()
+    difference = (windows.compute_attitude_rates() - gyro)[inside]
     start, stop = windows.start_s[inside], windows.stop_s[inside]
-    square = np.sum(np.square(e - np.median(e, axis=0)), axis=1)
+    square = np.sum(np.square(difference - np.median(difference, axis=0)), axis=1)
     if not square.sum() > 0:
         return ""
     total = np.concatenate([[0.0], np.cumsum(square)]) / square.sum()
-    ends = np.minimum(np.searchsorted(total, total[:-1] + HALF), square.size)
-    good = total[ends] >= total[:-1] + HALF - 1e-9
+    # The end of the shortest stretch from each window on; none if the rest of the time has less than the share.
+    ends = np.minimum(np.searchsorted(total, total[:-1] + MISFIT_SHARE), square.size)
+    good = total[ends] >= total[:-1] + MISFIT_SHARE - 1e-9
     length = np.where(good, stop[np.maximum(ends - 1, 0)] - start, np.inf)
     k = int(np.argmin(length))
     first, last = float(start[k]), float(stop[max(ends[k] - 1, 0)])
-    whole = float(stop[-1] - start[0])
-    return f"half of the misfit lies between {first:.6g} and {last:.6g} s, {100 * (last - first) / whole:.0f} % of the time"
+    duration = float(stop[-1] - start[0])
+    return f"half of the misfit lies between {first:.6g} and {last:.6g} s, {100 * (last - first) / duration:.0f} % of the time"
 
 
 def estimate_constant_bias(windows: Motion) -> Array | None:
-    """The bias (3,), rad/s, that the rates lack, if a constant one explains most of the misfit."""
-    gyro, inside = windows.gyro()
-    e = (windows.attitudes() - gyro)[inside]
-    bias = e.mean(axis=0)
-    if len(e) < FEWEST_BIAS_WINDOWS or not np.sum(np.square(e - bias)) <= MOST_LEFT_BY_BIAS * np.sum(np.square(e)):
+    """Estimate the bias (3,), rad/s, missing in the rates if a constant one explains most of the misfit; None otherwise."""
+    gyro, inside = windows.compute_gyro_rates()
+    difference = (windows.compute_attitude_rates() - gyro)[inside]
+    bias = difference.mean(axis=0)
+    before, after = np.sum(np.square(difference)), np.sum(np.square(difference - bias))
+    if len(difference) < FEWEST_BIAS_WINDOWS or not after <= MOST_LEFT_BY_BIAS * before:
         return None
     return np.asarray(bias)

@@ -21,6 +21,7 @@ import pandas as pd
 from gyrocal.errors import InputError
 from gyrocal.importing import import_tables, validate_mapping
 from gyrocal.importing.build import ImportResult
+from gyrocal.importing.units import NANO
 
 IMU_MESSAGE_TYPE = "sensor_msgs/msg/Imu"
 POSES: dict[str, Callable[[Any], Any]] = {
@@ -30,7 +31,6 @@ POSES: dict[str, Callable[[Any], Any]] = {
     "nav_msgs/msg/Odometry": lambda message: message.pose.pose.orientation,
 }
 ODOMETRY = "nav_msgs/msg/Odometry"
-NANO = 10**9
 
 
 def import_bag(
@@ -40,23 +40,23 @@ def import_bag(
     gyro_unit: str = "rad/s",
     **entries: Any,
 ) -> ImportResult:
-    """A recording of a bag.
+    """Import a bag as a recording.
 
     An `InputError` if the bag or a topic cannot be read, or rates and attitudes do not fit each other.
 
     Parameters
     ----------
     path : a file of ROS 1, or a folder or file of ROS 2
-    imu_topic, pose_topic : of the gyro and of the attitudes; where the bag has one of a kind, that one
-    gyro_unit : of the rates, which the message's definition has in rad/s and some drivers send otherwise
+    imu_topic, pose_topic : of the gyro and of the attitudes; the only one of its kind by default
+    gyro_unit : of the rates; the message's definition states rad/s, and some drivers send another unit
     entries : of the mapping, beyond the columns
     """
     path = Path(path)
-    gyro, attitude, said = read_bag(path, imu_topic, pose_topic)
-    made = {"time": "t:ns", "gyro": f"x,y,z:{gyro_unit}", "quat": "qx,qy,qz,qw:scalar-last:body-to-world"}
-    made["title"] = f"bag {path.resolve().stem}"
+    gyro, attitude, notes = read_bag(path, imu_topic, pose_topic)
+    columns = {"time": "t:ns", "gyro": f"x,y,z:{gyro_unit}", "quat": "qx,qy,qz,qw:scalar-last:body-to-world"}
+    columns["title"] = f"bag {path.resolve().stem}"
     try:
-        return import_tables(gyro, attitude, validate_mapping(made | entries, str(path)), said=said)
+        return import_tables(gyro, attitude, validate_mapping(columns | entries, str(path)), said=notes)
     except InputError as fault:
         if "the gyro in " not in str(fault):
             raise
@@ -66,7 +66,7 @@ def import_bag(
 def read_bag(
     path: str | os.PathLike[str], imu_topic: str | None = None, pose_topic: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
-    """Gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and what was taken for granted."""
+    """Read gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and list the assumptions."""
     path = Path(path)
     try:
         from rosbags.highlevel import AnyReader
@@ -76,38 +76,39 @@ def read_bag(
     if not path.exists():
         raise InputError(f"{path}: no such file")
     try:
-        # Bags of ROS 2 need not hold the definitions of their messages; those of these have not changed.
+        # Bags of ROS 2 need not hold the definitions of their messages; those of the messages read here have not changed.
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             gyro_topic = _choose_topic(reader, (IMU_MESSAGE_TYPE,), imu_topic, "--imu-topic", path)
-            other_topic = _choose_topic(reader, tuple(POSES), pose_topic, "--pose-topic", path)
-            gyro, said = _read_topic(reader, gyro_topic, lambda message: message.angular_velocity, ["x", "y", "z"])
-            kind = reader.topics[other_topic].msgtype
-            attitude, more = _read_topic(reader, other_topic, POSES[str(kind)], ["qx", "qy", "qz", "qw"])
+            attitude_topic = _choose_topic(reader, tuple(POSES), pose_topic, "--pose-topic", path)
+            gyro, notes = _read_topic(reader, gyro_topic, lambda message: message.angular_velocity, ["x", "y", "z"])
+            kind = reader.topics[attitude_topic].msgtype
+            attitude, pose_notes = _read_topic(reader, attitude_topic, POSES[str(kind)], ["qx", "qy", "qz", "qw"])
     except InputError:
         raise
     except Exception as fault:  # a damaged bag raises a zoo of types
         raise InputError(f"{path}: cannot be read as a bag: {' '.join(str(fault).split())}") from None
-    said = [f"rates are those of {gyro_topic}, attitudes those of {other_topic}", *said, *more]
+    notes = [f"rates are those of {gyro_topic}, attitudes those of {attitude_topic}", *notes, *pose_notes]
     if kind == ODOMETRY:
-        said.append(f"{other_topic} is odometry: if it uses this gyro, what it says of the gyro is not independent of it")
-    return gyro, attitude, said
+        notes.append(f"{attitude_topic} is odometry: if it uses this gyro, what it says of the gyro is not independent of it")
+    return gyro, attitude, notes
 
 
 def _choose_topic(reader: Any, kinds: tuple[str, ...], topic: str | None, option: str, path: Path) -> str:
-    """The topic of a kind of messages that is asked for, or the only one."""
-    there = sorted(name for name, one in reader.topics.items() if one.msgtype in kinds)
-    if topic is None and len(there) == 1:
-        return str(there[0])
-    if topic in there:
+    """Choose the topic with messages of these kinds: the stated one, or the only one."""
+    candidates = sorted(name for name, about in reader.topics.items() if about.msgtype in kinds)
+    if topic is None and len(candidates) == 1:
+        return str(candidates[0])
+    if topic in candidates:
         return str(topic)
     words = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-    problem = f"no topic {topic} of {words}" if topic else f"several topics of {words}" if there else f"no topic of {words}"
-    raise InputError(f"{path}: {problem}; {f'give {option}: ' if there else 'there are '}{', '.join(there or reader.topics)}")
+    problem = f"no topic {topic}" if topic else "several topics" if candidates else "no topic"
+    hint = f"give {option}: " if candidates else "there are "
+    raise InputError(f"{path}: {problem} of {words}; {hint}{', '.join(candidates or reader.topics)}")
 
 
 def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Nanoseconds and numbers of a topic's messages."""
-    connections = [one for one in reader.connections if one.topic == topic]
+    """Read the messages of a topic as a table of numbers and times t in ns, and list the assumptions."""
+    connections = [connection for connection in reader.connections if connection.topic == topic]
     tags, written, rows = [], [], []
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
@@ -115,13 +116,13 @@ def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: li
         tags.append(stamp.sec * NANO + stamp.nanosec)
         written.append(recorded)
         rows.append([getattr(values, name[-1]) for name in names])
-    said = []
+    notes = []
     if not any(tags):
-        tags, said = written, [f"the headers of {topic} have no time: those at which the bag was written are used"]
+        tags, notes = written, [f"the headers of {topic} have no time: those at which the bag was written are used"]
     table = pd.DataFrame(np.array(rows, dtype=np.float64).reshape(-1, len(names)), columns=names)
     table = table.assign(t=np.array(tags, dtype=np.int64))
     timed = table["t"] != 0
     if tags and not timed.all():
-        said.append(f"{int((~timed).sum())} of {len(tags)} messages of {topic} are left out, whose headers have no time")
+        notes.append(f"{int((~timed).sum())} of {len(tags)} messages of {topic} are left out, whose headers have no time")
         table = table[timed].reset_index(drop=True)
-    return table, said
+    return table, notes

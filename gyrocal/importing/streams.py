@@ -1,4 +1,4 @@
-"""Gyro samples and attitudes of a user's tables, on one clock and in SI units, before anything is estimated."""
+"""Gyro samples and attitudes of a user's tables, on one clock and in SI units, before the estimates."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class Sensor:
     angles: Array | None = None  # (m, 3) Euler angles as they are on file
 
     def select_rows(self, rows: NDArray[Any]) -> Sensor:
-        """The attitudes of some rows."""
-        sigma, angles = (None if one is None else one[rows] for one in (self.sigma, self.angles))
+        """Select the attitudes of some rows."""
+        sigma, angles = (None if column is None else column[rows] for column in (self.sigma, self.angles))
         return Sensor(self.name, self.t_s[rows], self.q[rows], sigma, angles)
 
 
 @dataclass(frozen=True)
 class Streams:
-    """What the tables hold."""
+    """Gyro samples and attitudes of the tables."""
 
     t_s: Array  # (n,) starts of the gyro's samples, s since the epoch
     raw: Array  # (n, 3) rates of three gyros about their own axes, or about those of the body by more gyros, rad/s
@@ -57,24 +57,23 @@ class Streams:
     # epoch, time_scale: as in a recording
     epoch: str
     time_scale: str
-    assumed: tuple[str, ...]  # what was taken for granted, a sentence each
+    assumed: tuple[str, ...]  # assumptions, a sentence each
     temperature: Array | None = None  # (m, 2) s since the epoch, and the gyro's °C
-    gyros: JoinedGyros | None = None  # more than three, whose rates are joined
+    gyros: JoinedGyros | None = None  # more gyros than three, whose rates are joined
 
 
 @dataclass(frozen=True)
 class BodyAttitudes:
-    """Attitudes of the body as far as an import asks of its motion."""
+    """Attitudes of the body by all sensors, for the motion of the body."""
 
     # t_s, q: (m,) s and (m, 4) inertial to body, scalar last
     t_s: Array
     q: Array
-    # where there are several, each one's attitudes with what is known of its noise and mounting
-    sensors: tuple[SensorReferences, ...] = ()
+    sensors: tuple[SensorReferences, ...] = ()  # the attitudes of each of several sensors; empty for a single one
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Read a text table, whose layout is found; `attrs` has what is said of it.
+    """Read a text table; its attribute `attrs` has notes on the layout that was found.
 
     An `InputError` if it cannot be read.
     """
@@ -100,22 +99,22 @@ def read_csv(path: Path) -> pd.DataFrame:
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
         raise InputError(f"{path}: no rows")
-    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
+    frame.attrs["notes"] = tuple(f"{path.name}: {text}" for text in layout.notes)
     frame.attrs["head"] = (layout.first_line, str(path))
     return frame
 
 
 def _read_not_a_number(frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
-    """The table with words for not-a-number, in any spelling, as such."""
+    """Replace words for not-a-number, in any spelling, in the columns of a table that otherwise hold numbers."""
     frame = frame.copy()
     for name in frame.columns:
         if pd.api.types.is_numeric_dtype(frame[name]):
             continue
         words = frame[name].astype(str).str.strip()
-        lost = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
-        plain = words.mask(lost)
+        is_missing = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
+        plain = words.mask(is_missing)
         numbers = pd.to_numeric(plain.str.replace(decimal, "."), errors="coerce")
-        if lost.any() and numbers.notna().sum() == plain.notna().sum():
+        if is_missing.any() and numbers.notna().sum() == plain.notna().sum():
             frame[name] = numbers
     return frame
 
@@ -126,38 +125,40 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame | None, mapping: Map
     An `InputError` if a column is missing or does not hold what the mapping says.
     """
     tables = () if attitude is None else (gyro, attitude)
-    said = list(dict.fromkeys(text for table in tables for text in table.attrs.get("said", ())))
-    rows = read_gyro_rows(gyro, mapping, said)
+    notes = list(dict.fromkeys(text for table in tables for text in table.attrs.get("notes", ())))
+    rows = read_gyro_rows(gyro, mapping, notes)
     clock, offset = rows.clock, mapping.attitude_offset_s
     temperature = _read_temperature(gyro, mapping, int(clock.whole[0]))
-    named, clocks = ([], []) if attitude is None else _read_attitudes(attitude, mapping, said)
+    named, clocks = ([], []) if attitude is None else _read_attitudes(attitude, mapping, notes)
     if clocks and (mapping.common_start or mapping.align == "auto"):
-        clock, clocks = _begin_together(clock, clocks, said)
+        clock, clocks = _begin_together(clock, clocks, notes)
     clock, *clocks = _convert_to_one_scale([clock, *clocks], offset)
     epoch, origin = _choose_epoch([clock, *clocks], None if attitude is None else mapping.epoch)
     if attitude is not None and not clock.scale:
-        said.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
+        notes.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
     if offset and attitude is not None:
-        said.append(f"{offset:.12g} s added to the time tags of the attitudes")
+        notes.append(f"{offset:.12g} s added to the time tags of the attitudes")
     sensors = []
-    for (name, values), one in zip(named, clocks, strict=True):
-        times, values = sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip(), said)
+    for (name, values), sensor_clock in zip(named, clocks, strict=True):
+        times, values = sort_rows(sensor_clock.subtract(origin) + offset, values, f"attitude {name}".strip(), notes)
         sensors.append(_build_sensor(name, times, values, mapping))
-    t_s, raw, sample_s, G, joined = build_samples(rows._replace(clock=clock), origin, mapping, gyro, said)
+    samples = build_samples(rows._replace(clock=clock), origin, mapping, gyro, notes)
     if temperature is not None:
         temperature[:, 0] += clock.whole[0] - origin
-        temperature[:, 0] = t_s[0] + mapping.time_factor * (temperature[:, 0] - t_s[0])
+        temperature[:, 0] = samples.t_s[0] + mapping.time_factor * (temperature[:, 0] - samples.t_s[0])
     for k, sensor in enumerate(sensors):
         what = f"attitude {sensor.name}".strip()
-        sensors[k] = sensor.select_rows(leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, what, said))
+        is_measured = leave_out_lost_references(sensor.t_s, sensor.q, samples.t_s, samples.rates, samples.sample_s, what, notes)
+        sensors[k] = sensor.select_rows(is_measured)
     if attitude is not None:
-        said = _put_large_losses_first(said, len(clock.whole), sum(len(one.whole) for one in clocks))
+        notes = _put_large_losses_first(notes, len(clock.whole), sum(len(sensor_clock.whole) for sensor_clock in clocks))
+    t_s, rates, sample_s, G, joined = samples
     time_scale = clock.scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, G, tuple(sensors), epoch, time_scale, tuple(said), temperature, joined)
+    return Streams(t_s, rates, sample_s, G, tuple(sensors), epoch, time_scale, tuple(notes), temperature, joined)
 
 
 def _choose_epoch(clocks: list[units.Clock], stated: str | None) -> tuple[str, int]:
-    """The epoch of a recording, and the whole second of the clocks that it is."""
+    """Choose the epoch of a recording; return it as a date, and as a whole second of the clocks."""
     scale = clocks[0].scale
     if not scale:
         return stated or UNDATED, 0
@@ -170,29 +171,29 @@ def _choose_epoch(clocks: list[units.Clock], stated: str | None) -> tuple[str, i
 
 
 def _read_temperature(frame: pd.DataFrame, mapping: Mapping, start: int) -> Array | None:
-    """The column of the gyro's temperature as (m, 2): s since a second of the gyro's clock, and °C."""
+    """Read the column of the gyro's temperature as (m, 2): s since a second of the gyro's clock, and °C."""
     if mapping.temperature is None:
         return None
     clock, values = read_rows(frame, [mapping.temperature], "temperature", "gyro", ("time", mapping.time), [])
     return np.column_stack([clock.subtract(start), values])
 
 
-def _put_large_losses_first(said: list[str], gyro_rows: int, attitude_rows: int) -> list[str]:
-    """What is said, rows that are left out or filled first where they are more than a percent."""
+def _put_large_losses_first(notes: list[str], gyro_rows: int, attitude_rows: int) -> list[str]:
+    """Order the notes: those of rows that are left out or filled come first if these are more than a percent."""
     first = []
-    for text in said:
-        found = re.match(r"(\d+) (gyro|attitude)\b.* (left out|filled)", text)
-        rows = gyro_rows if found and found[2] == "gyro" else attitude_rows
-        if found and int(found[1]) > MOST_LOST_SHARE * rows:
-            first.append(f"{100 * int(found[1]) / rows:.2g} % of the {found[2]} rows: {text}")
-    kept = [text for text in said if not any(one.endswith(f": {text}") for one in first)]
-    return [*first, *kept]
+    for text in notes:
+        loss = re.match(r"(\d+) (gyro|attitude)\b.* (left out|filled)", text)
+        rows = gyro_rows if loss and loss[2] == "gyro" else attitude_rows
+        if loss and int(loss[1]) > MOST_LOST_SHARE * rows:
+            first.append(f"{100 * int(loss[1]) / rows:.2g} % of the {loss[2]} rows: {text}")
+    others = [text for text in notes if not any(headed.endswith(f": {text}") for headed in first)]
+    return [*first, *others]
 
 
 def _read_attitudes(
-    frame: pd.DataFrame, mapping: Mapping, said: list[str]
+    frame: pd.DataFrame, mapping: Mapping, notes: list[str]
 ) -> tuple[list[tuple[str, Array]], list[units.Clock]]:
-    """Name and numbers of each attitude sensor, and its time tags."""
+    """Read name and numbers (m, columns) of each attitude sensor, and its time tags."""
     kind = mapping.attitude
     names, _ = parse_spec(str(getattr(mapping, kind)), kind)
     if isinstance(mapping.sigma_deg, str):
@@ -202,23 +203,25 @@ def _read_attitudes(
         labels = read_labels(frame, mapping.attitude_by, "attitude_by")
         parts = [(str(name), part) for name, part in frame.groupby(labels, sort=False)]
         if missing := int(labels.isna().sum()):
-            said.append(f"{missing} attitude row(s) without a sensor in {mapping.attitude_by} are left out")
+            notes.append(f"{missing} attitude row(s) without a sensor in {mapping.attitude_by} are left out")
     if mapping.sensor is not None:
         known = [name for name, _ in parts]
-        found = None if mapping.attitude_by is None else find_name(mapping.sensor, known, "sensor", "attitude sensor")
-        if found is None:
-            there = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
-            raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {there}")
-        parts = [(name, part) for name, part in parts if name == found[1]]
+        choice = None if mapping.attitude_by is None else find_name(mapping.sensor, known, "sensor", "attitude sensor")
+        if choice is None:
+            listed = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
+            raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {listed}")
+        parts = [(name, part) for name, part in parts if name == choice[1]]
     named, clocks = [], []
+    time = ("attitude_time", mapping.attitude_time or mapping.time)
     for name, part in parts:
-        clock, values = read_rows(part, names, kind, "attitude", ("attitude_time", mapping.attitude_time or mapping.time), said)
+        clock, values = read_rows(part, names, kind, "attitude", time, notes)
         named.append((name, values))
         clocks.append(clock)
     return named, clocks
 
 
 def _name_sigma_columns(text: str) -> list[str]:
+    """Split the entry sigma_deg into the names of one column or three."""
     names = [name.strip() for name in text.split(",")]
     if len(names) not in (1, 3) or not all(names):
         raise InputError(f"sigma_deg: {text!r} is not a number, three numbers, a column of the attitudes' table, or three")
@@ -226,44 +229,44 @@ def _name_sigma_columns(text: str) -> list[str]:
 
 
 def _build_sensor(name: str, t_s: Array, values: Array, mapping: Mapping) -> Sensor:
-    """A sensor of the numbers of its rows: the attitude, then its sigma where columns hold it."""
+    """Build a sensor of the numbers of its rows: the attitude, then its sigma if the mapping names columns of it."""
     kind = mapping.attitude
     text = str(getattr(mapping, kind))
     sigma = None
     if isinstance(mapping.sigma_deg, str):
         count = len(_name_sigma_columns(mapping.sigma_deg))
-        values, own = values[:, :-count], values[:, -count:]
-        if not (own > 0).all():
-            raise InputError(f"sigma_deg: {int((own <= 0).sum())} value(s) of {mapping.sigma_deg} are not positive")
-        sigma = np.deg2rad(np.broadcast_to(own, (len(own), 3)))
+        values, sigma_deg = values[:, :-count], values[:, -count:]
+        if not (sigma_deg > 0).all():
+            raise InputError(f"sigma_deg: {int((sigma_deg <= 0).sum())} value(s) of {mapping.sigma_deg} are not positive")
+        sigma = np.deg2rad(np.broadcast_to(sigma_deg, (len(sigma_deg), 3)))
     return Sensor(name, t_s, convert_attitude(kind, text, values), sigma, values if kind == "euler" else None)
 
 
 def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> list[units.Clock]:
-    """All clocks in one scale: as they are if they share it, otherwise UTC, or seconds where an offset joins the two."""
-    if len({one.scale for one in clocks}) == 1:
+    """Convert clocks to one scale: unchanged if they share it, otherwise UTC, or seconds if the mapping states an offset."""
+    if len({clock.scale for clock in clocks}) == 1:
         return clocks
     gyro, *others = clocks
-    if all(one.scale for one in clocks):
-        return [units.convert_to_utc(one) for one in clocks]
-    if len({one.scale == "" for one in others}) > 1 or not offset_s:
-        apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
+    if all(clock.scale for clock in clocks):
+        return [units.convert_to_utc(clock) for clock in clocks]
+    if len({clock.scale == "" for clock in others}) > 1 or not offset_s:
+        shift_s = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
         raise InputError(
             "time: one table has dates and the other seconds from an unknown start, unless its unit is ms, us or ns of unix "
             "time; give both the same kind, or the "
-            f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
+            f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {shift_s:.6f}; "
             "--align auto finds the offset"
         )
     return [replace(clock, scale="") for clock in clocks]
 
 
-def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str]) -> tuple[units.Clock, list[units.Clock]]:
-    """Clocks of which that without a date is shifted to begin with the other."""
-    scales = {one.scale for one in others}
+def _begin_together(gyro: units.Clock, others: list[units.Clock], notes: list[str]) -> tuple[units.Clock, list[units.Clock]]:
+    """Shift the clock without a date so that it begins with the clock with dates; unchanged if both are of one kind."""
+    scales = {clock.scale for clock in others}
     if len(scales) != 1 or bool(gyro.scale) == bool(next(iter(scales))):
         return gyro, others
-    first = min(int(one.whole.min()) for one in others) - int(gyro.whole.min())
-    said.append(f"only one table has dates: {abs(first)} s are added to the other's time tags, so that both begin together")
+    first = min(int(clock.whole.min()) for clock in others) - int(gyro.whole.min())
+    notes.append(f"only one table has dates: {abs(first)} s are added to the other's time tags, so that both begin together")
     if gyro.scale:
-        return gyro, [replace(one, whole=one.whole - first, scale=gyro.scale) for one in others]
+        return gyro, [replace(clock, whole=clock.whole - first, scale=gyro.scale) for clock in others]
     return replace(gyro, whole=gyro.whole + first, scale=others[0].scale), others

@@ -1,14 +1,13 @@
 """Layout of a text table: encoding, separator, decimal sign, header and first row of values, found from the file itself.
 
-One rule finds all of them. Each separator splits the first lines into fields. The separator with the most numbers in rows of
-one length is that of the table. The table begins at the first row of that length with no words in its columns of numbers. The
-header is the row above it, without a comment's prefix. A row of units between the two is passed over. Two header rows, groups
-above elements, are joined:
+Each separator splits the first lines into fields. The separator with the most numbers in rows of one length is that of the
+table. The table begins at the first row of that length with no words in its columns of numbers. The header is the row above it,
+without a comment's prefix. A row of units between the two is skipped. Two header rows, groups above elements, are joined:
 
     Time (s);Orientation;;;;Gyroscope;;
     ;W;X;Y;Z;X;Y;Z
 
-The name of a column then is that of its group, which holds until the next one, with that of the element: "Gyroscope X".
+The name of a column then is that of its group, which lasts until the next group, and that of the element: "Gyroscope X".
 """
 
 from __future__ import annotations
@@ -46,14 +45,14 @@ BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_
 
 
 class TableLayout(NamedTuple):
-    """Where the values of a table are, and what their columns are named."""
+    """Encoding, separator and first line of the values of a table, and the names of its columns."""
 
     encoding: str  # this, separator and decimal as `pandas.read_csv` takes them
     separator: str
     decimal: str
     names: list[str]  # of the columns; their numbers from 1 where the table has no header
     first_line: int  # of the values, from 0
-    said: list[str]  # how the table is read, if it is not commas below a header in the first line
+    notes: list[str]  # on the layout; empty for commas below a header in the first line
 
 
 def find_layout(path: Path) -> TableLayout:
@@ -64,16 +63,17 @@ def find_layout(path: Path) -> TableLayout:
         lines = [line.rstrip("\r\n") for line in islice(text, HEAD_LINES)]
     if not any(map(str.strip, lines)):
         raise InputError(f"{path}: no rows")
-    found = max((_Split(separator, lines) for separator in SEPARATORS), key=lambda one: (one.score, one.fields))
-    names, said = found.name_columns()
-    decimal = "," if found.has_decimal_comma() else "."
-    if found.separator != ",":
-        said.append(f"fields are separated by {SEPARATORS[found.separator]}")
+    splits = [_SplitLines(separator, lines) for separator in SEPARATORS]
+    split = max(splits, key=lambda candidate: (candidate.score, candidate.fields))
+    names, notes = split.name_columns()
+    decimal = "," if split.has_decimal_comma() else "."
+    if split.separator != ",":
+        notes.append(f"fields are separated by {SEPARATORS[split.separator]}")
     if decimal == ",":
-        said.append("a comma is the decimal sign")
+        notes.append("a comma is the decimal sign")
     if encoding not in ("utf-8", "utf-8-sig"):
-        said.append(f"the text is {encoding.upper()}")
-    return TableLayout(encoding, found.separator, decimal, names, found.start, said)
+        notes.append(f"the text is {encoding.upper()}")
+    return TableLayout(encoding, split.separator, decimal, names, split.start, notes)
 
 
 def open_table(path: Path) -> IO[bytes]:
@@ -94,7 +94,7 @@ def open_table(path: Path) -> IO[bytes]:
 
 
 def detect_encoding(path: Path) -> str:
-    """Encoding by the byte-order mark, or by the zeros that UTF-16 has in Western text; otherwise UTF-8 or Windows-1252."""
+    """Detect the encoding by the byte-order mark or the zeros of UTF-16 in Western text; otherwise UTF-8 or Windows-1252."""
     with open_table(path) as file:
         head = file.read(1 << 16)
     for mark, name in BOMS.items():
@@ -111,7 +111,7 @@ def detect_encoding(path: Path) -> str:
     return "utf-8"
 
 
-class _Split:
+class _SplitLines:
     """The first lines of a file, split at one separator."""
 
     def __init__(self, separator: str, lines: list[str]) -> None:
@@ -122,11 +122,11 @@ class _Split:
         lengths = Counter(len(row) for row in plain if any(map(self._is_value, row)))
         self.fields = max((length for length in lengths if length > 1), key=lambda length: lengths[length] * length, default=0)
         table = [row for row in plain if len(row) == self.fields]
-        # A column of numbers is one that holds at least as many of them as words; a text label is no column of numbers.
+        # A column of numbers has at least as many numbers as words; a column of text labels is none.
         values = [sum(self._is_value(row[k]) for row in table) for k in range(self.fields)]
         words = [sum(self._is_word(row[k]) for row in table) for k in range(self.fields)]
         self.numeric = [k for k in range(self.fields) if values[k] >= max(words[k], 1)]
-        fitting = [k for k, row in enumerate(self.rows) if not self.commented[k] and self._fits(row)]
+        fitting = [k for k, row in enumerate(self.rows) if not self.commented[k] and self._is_table_row(row)]
         filled = [k for k, row in enumerate(self.rows) if any(row)]
         # A row of numbers within a preamble, such as Motive's identifiers, is followed by a row of words.
         following = dict(pairwise(filled))
@@ -137,9 +137,10 @@ class _Split:
             self.fields = len(self.rows[self.start - 1]) if self.start else 0
 
     def _split(self, lines: list[str]) -> list[list[str]]:
+        """Split lines into cells without blanks around them."""
         if self.separator == r"\s+":
             return [line.split() for line in lines]
-        # A quote that is not closed holds for its own line alone.
+        # Each line by itself: a quote that is not closed ends with its line.
         return [[cell.strip() for cell in next(csv.reader([line], delimiter=self.separator), [])] for line in lines]
 
     def _is_value(self, cell: str) -> bool:
@@ -150,21 +151,21 @@ class _Split:
     def _is_word(self, cell: str) -> bool:
         return bool(cell) and not self._is_value(cell)
 
-    def _fits(self, row: list[str]) -> bool:
-        """Whether a row is one of the table: numbers, and no words, in the columns of numbers."""
+    def _is_table_row(self, row: list[str]) -> bool:
+        """Whether a row belongs to the table: it has numbers, and no words, in the columns of numbers."""
         if len(row) != self.fields or any(self._is_word(row[k]) for k in self.numeric):
             return False
         return any(self._is_value(row[k]) for k in self.numeric)
 
     def has_decimal_comma(self) -> bool:
         """Whether the values have commas, and no points, as decimal signs."""
-        cells = [row[k] for row in self.rows if self._fits(row) for k in self.numeric]
+        cells = [row[k] for row in self.rows if self._is_table_row(row) for k in self.numeric]
         return any(DECIMAL_COMMA.fullmatch(cell) for cell in cells) and self.separator != ","
 
     def name_columns(self) -> tuple[list[str], list[str]]:
-        """Names of the columns, and what is said of where they are from."""
+        """Return the names of the columns, and notes on the lines that they are from."""
         above = [k for k in range(self.start) if any(self.rows[k])]
-        said: list[str] = []
+        notes: list[str] = []
 
         def is_header(k: int) -> bool:
             return len(self.rows[k]) >= self.fields or (2 * len(self.rows[k]) > self.fields > 2 and k == above[0])
@@ -174,21 +175,22 @@ class _Split:
             units = f", line {above.pop() + 1} holds units"
         if not above or not is_header(above[-1]):
             place = f"; values begin in line {self.start + 1}" if self.start else ""
-            said.append(f"the table has no header: its {self.fields} columns are named by their numbers from 1{place}")
-            return [str(k + 1) for k in range(self.fields)], said
+            notes.append(f"the table has no header: its {self.fields} columns are named by their numbers from 1{place}")
+            return [str(k + 1) for k in range(self.fields)], notes
         line = above[-1]
         names = self.rows[line]
         upper = self.rows[above[-2]] if len(above) > 1 else []
         if self._holds_groups(upper, names):
             names = join_headers(upper, names)
-            said.append(f"lines {above[-2] + 1} and {line + 1} are the header, groups above elements{units}")
+            notes.append(f"lines {above[-2] + 1} and {line + 1} are the header, groups above elements{units}")
         else:
             names = join_headers([""] * len(names), names)
             if line != 0 or units:
-                said.append(f"line {line + 1} is the header{units}; values begin in line {self.start + 1}")
-        return names, said
+                notes.append(f"line {line + 1} is the header{units}; values begin in line {self.start + 1}")
+        return names, notes
 
     def _holds_units(self, k: int) -> bool:
+        """Whether most cells of a row are units."""
         cells = [cell for cell in self.rows[k] if cell]
         return bool(cells) and sum(UNIT_PATTERN.fullmatch(cell) is not None for cell in cells) > 0.6 * len(cells)
 
@@ -202,12 +204,12 @@ class _Split:
 
 
 def join_headers(groups: list[str], elements: list[str]) -> list[str]:
-    """Join two header rows; a column without a name is named by its number, a second one of the same name gets a suffix."""
+    """Join two header rows; a column without a name is named by its number, a second one of one name gets a suffix."""
     names: list[str] = []
     group = ""
-    for k, (own, element) in enumerate(zip(groups, elements, strict=True), 1):
-        group = own or group
-        name = f"{group} {element}".strip() if element else own or f"column {k}"
-        count = sum(name == other or other.startswith(f"{name}.") for other in names)
+    for k, (group_name, element) in enumerate(zip(groups, elements, strict=True), 1):
+        group = group_name or group
+        name = f"{group} {element}".strip() if element else group_name or f"column {k}"
+        count = sum(name == earlier or earlier.startswith(f"{name}.") for earlier in names)
         names.append(f"{name}.{count}" if count else name)
     return names

@@ -1,7 +1,7 @@
 """Units and time tags of other people's files, as rad/s and seconds from an epoch.
 
-A unit of angle says that the gyro's column is an accumulated angle, one of angle per time that it is a rate. Counts are either,
-by the unit of their LSB.
+A gyro's column with a unit of angle is an accumulated angle, with a unit of angle per time a rate. Counts are either, by the
+unit of their LSB.
 
 GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, is behind by those inserted since then.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
+PER_SAMPLE = "/sample"  # end of the unit of increments of angle over one sample
 INCREMENT_UNITS = {unit + PER_SAMPLE: size for unit, size in ANGLE_UNITS.items()}
 COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0, "gps": 0}  # decimal places of a second
@@ -39,10 +39,10 @@ GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 SECONDS_A_DAY = 86400
 TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
 REGISTERS = (2**16, 2**24, 2**32)  # counts at which a register of time tags wraps
-WRAP_SHARE = 0.99  # of the range: a step back by less is no wrap, but a gap of a week or a day is possible in it
-LEAST_CARRY_STEPS = 5  # of the usual step: tags that are off by less are late or exchanged
+WRAP_SHARE = 0.99  # of the range: a smaller step back is no wrap, but may be a gap within a day or a week
+LEAST_CARRY_STEPS = 5  # usual steps: tags with a smaller error are late or exchanged
 WEEK_S = 604800
-UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
+UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are read as unix time
 # Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
 LEAP_MONTHS = (
     "1981-07", "1982-07", "1983-07", "1985-07", "1988-01", "1990-01", "1991-01", "1992-07", "1993-07",
@@ -55,43 +55,43 @@ class Clock:
     """Time tags of a table."""
 
     whole: NDArray[np.int64]  # (n,) whole seconds, exact
-    part: Array  # (n,) what is left of a second, s
+    part: Array  # (n,) fraction of a second, s
     scale: str  # "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
-    said: str = ""  # how tags of a counter were continued, a sentence; empty where they were not
+    note: str = ""  # how tags of a counter were continued, a sentence; empty if they were not
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (n,) their rows in the table
 
     def select_rows(self, chosen: NDArray[np.intp]) -> Clock:
-        """Tags of some rows."""
+        """Select the tags of some rows."""
         return replace(self, whole=self.whole[chosen], part=self.part[chosen], rows=self.rows[chosen])
 
     def subtract(self, second: int) -> Array:
-        """(n,) s since a whole second."""
+        """Compute the tags (n,) in s since a whole second."""
         return np.asarray((self.whole - second) + self.part)
 
 
 def count_leap_seconds(utc: datetime) -> int:
-    """GPS time minus UTC, s, at a time in UTC."""
+    """Count GPS time minus UTC, s, at a time in UTC."""
     return sum(utc >= datetime.fromisoformat(f"{month}-01T00:00:00+00:00") for month in LEAP_MONTHS)
 
 
 def convert_to_date(second: int, scale: str) -> datetime:
-    """The date of a whole second of a clock; its tzinfo is UTC whatever the scale."""
+    """Convert a whole second of a clock to a date, whose tzinfo is UTC for every scale."""
     return {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale] + timedelta(seconds=second)
 
 
 def parse_date(text: str) -> datetime:
-    """An ISO 8601 date with tzinfo UTC; one without an offset from UTC is taken as of the clock's own scale."""
+    """Parse an ISO 8601 date to one with tzinfo UTC; without an offset from UTC it is of the clock's own scale."""
     date = datetime.fromisoformat(text)
     return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def convert_to_second(date: datetime, scale: str) -> int:
-    """The whole second of a clock in which a date is."""
+    """Convert a date to the whole second of a clock in which it is."""
     return (date - {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale]) // timedelta(seconds=1)
 
 
 def convert_to_utc(clock: Clock) -> Clock:
-    """GPS tags as UTC ones; UTC ones as they are."""
+    """Convert GPS tags to UTC; UTC tags are unchanged."""
     if clock.scale == "UTC":
         return clock
     shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
@@ -100,7 +100,7 @@ def convert_to_utc(clock: Clock) -> Clock:
 
 
 def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
-    """Time tags of one column, or of several: numbers are added, a date and a time of day are joined.
+    """Build the time tags of one column, or of several: numbers are added, a date and a time of day are joined.
 
     unit: one, or one for each column as in "s+ns"; "iso" of dates; "gps" of two columns is "week+gps"
     """
@@ -109,27 +109,27 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
         return _parse_dates(columns, name)
     values = [_read_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
     units = unit.split("+") if unit != "gps" or len(values) == 1 else ["week", "gps"]
-    for one in units:
-        if one not in TIME_WORDS and SCALED_UNIT.fullmatch(one) is None:
-            raise InputError(f"time: unit {one} of {name} is not known; known are {', '.join(TIME_WORDS)}, 100us")
+    for word in units:
+        if word not in TIME_WORDS and SCALED_UNIT.fullmatch(word) is None:
+            raise InputError(f"time: unit {word} of {name} is not known; known are {', '.join(TIME_WORDS)}, 100us")
     if len(units) != len(values) or "iso" in units:
         raise InputError(f"time: {len(values)} column(s) {name}, but unit {unit}; give one for each, as in secs,nsecs:s+ns")
-    scale = next((SCALES[one] for one in units if one in SCALES), "")
+    scale = next((SCALES[word] for word in units if word in SCALES), "")
     if len(values) > 1 or units == ["week"]:
-        values = [np.sum([_count_nanoseconds(one, by, name) for one, by in zip(values, units, strict=True)], axis=0)]
-        units = ["ns"]
-    tags, said = continue_tags(values[0], units[0])
+        nanoseconds = [_count_nanoseconds(column, word, name) for column, word in zip(values, units, strict=True)]
+        values, units = [np.sum(nanoseconds, axis=0)], ["ns"]
+    tags, note = continue_tags(values[0], units[0])
     factor = SCALED_UNIT.fullmatch(units[0])
     if factor is not None:
         tags = np.multiply(tags, int(factor[1]))
-    made = _split_seconds(tags, TIME_UNITS[factor[2] if factor else units[0]], scale)
+    clock = _split_seconds(tags, TIME_UNITS[factor[2] if factor else units[0]], scale)
     counts_days = factor is not None and factor[2] == "s"  # from 1900 in spreadsheets, which is unix time of 2090
-    calendar = not scale and not counts_days and UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
-    return replace(made, scale="UTC" if calendar else scale, said=said)
+    is_unix = not scale and not counts_days and UNIX_RANGE_S[0] <= clock.whole[0] <= UNIX_RANGE_S[1]
+    return replace(clock, scale="UTC" if is_unix else scale, note=note)
 
 
 def _count_nanoseconds(values: NDArray[np.generic], unit: str, name: str) -> NDArray[np.int64]:
-    """Whole nanoseconds (n,) of tags of a unit; integers stay exact."""
+    """Convert tags of a unit to whole nanoseconds (n,); integers stay exact."""
     factor = SCALED_UNIT.fullmatch(unit)
     size = WEEK_S * NANO if unit == "week" else NANO // 10 ** TIME_UNITS[factor[2] if factor else unit]
     size *= int(factor[1]) if factor else 1
@@ -140,11 +140,11 @@ def _count_nanoseconds(values: NDArray[np.generic], unit: str, name: str) -> NDA
 
 
 def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.generic], str]:
-    """Continue tags (n,) of a counter that wraps or of which one part is counted up late or early, and describe this.
+    """Continue tags (n,) of a counter that wraps, or that counts up one part late or early, and describe the correction.
 
-    A register, or the seconds of a day or of a week, go back by nearly their range and stay there. Where one part of a clock,
-    such as its seconds, is counted up late, tags are too early by one unit of that part, for less than this unit. The order of
-    the rows and their usual step show both.
+    A register, or the seconds of a day or of a week, go back by nearly their range and stay there. If one part of a clock, such
+    as its seconds, is counted up late, tags are too early by one unit of that part, for less than this unit. The order of the
+    rows and their usual step show both.
     """
     is_whole = np.issubdtype(values.dtype, np.integer)
     tags = values.astype(np.int64 if is_whole else np.float64)
@@ -155,31 +155,31 @@ def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.ge
         return values, ""
     factor = SCALED_UNIT.fullmatch(unit)
     second = 10 ** TIME_UNITS[factor[2]] / int(factor[1]) if factor else 10 ** TIME_UNITS[unit]
-    cycles = [round(one * second) for one in (SECONDS_A_DAY, WEEK_S)]
+    cycles = [round(cycle_s * second) for cycle_s in (SECONDS_A_DAY, WEEK_S)]
     for part in (*(REGISTERS if is_whole else ()), *cycles):
         turns = -np.round(steps / part).astype(np.int64)
         if turns.any() and tags.min() >= 0 and tags.max() < part and (np.abs(steps[turns != 0]) > WRAP_SHARE * part).all():
-            at = f"2^{part.bit_length() - 1}" if part in REGISTERS else f"{round(part / second)} s"
-            return tags + part * np.append(0, np.cumsum(turns)), f"wrap {turns.sum()} time(s) at {at} and go on"
+            place = f"2^{part.bit_length() - 1}" if part in REGISTERS else f"{round(part / second)} s"
+            return tags + part * np.append(0, np.cumsum(turns)), f"wrap {turns.sum()} time(s) at {place} and go on"
     jump = usual - float(np.median(steps[back]))
-    part = min((*cycles, 10 ** round(np.log10(jump))), key=lambda one: abs(one - jump))
+    part = min((*cycles, 10 ** round(np.log10(jump))), key=lambda size: abs(size - jump))
+    # 1 at a step back by one unit of the part, -1 at a step up by one.
     carry = np.select([np.abs(steps - usual + part) <= 2 * usual, np.abs(steps - usual - part) <= 2 * usual], [1, -1])
     if part < LEAST_CARRY_STEPS * usual or ((carry == 1) != back).any():
         return values, ""
-    found = []
-    for way in (1, -1):  # late or early; the first rows may be off
-        off = np.append(0, np.cumsum(carry)) + way * (carry[carry != 0][0] == -way)
-        runs = find_mask_runs(off == way)
-        if np.isin(off, (0, way)).all() and all(tags[stop - 1] - tags[start] < part for start, stop in runs):
-            text = (
-                f"are too {'early' if way > 0 else 'late'} by {part:g} {unit} in {len(runs)} stretch(es) and are moved by that"
-            )
-            found.append((np.count_nonzero(off), tags + part * off, text))
-    return min(found, key=lambda one: one[0])[1:] if found else (values, "")
+    corrections = []
+    for direction in (1, -1):  # late or early; the first rows may be off
+        shift = np.append(0, np.cumsum(carry)) + direction * (carry[carry != 0][0] == -direction)
+        runs = find_mask_runs(shift == direction)
+        if np.isin(shift, (0, direction)).all() and all(tags[stop - 1] - tags[start] < part for start, stop in runs):
+            error = f"too {'early' if direction > 0 else 'late'} by {part:g} {unit}"
+            text = f"are {error} in {len(runs)} stretch(es) and are moved by that"
+            corrections.append((np.count_nonzero(shift), tags + part * shift, text))
+    return min(corrections, key=lambda correction: correction[0])[1:] if corrections else (values, "")
 
 
 def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
-    """Time tags of ISO 8601: a date with its time, times of day, or both in two columns."""
+    """Parse time tags of ISO 8601: a date with its time, times of day, or both in two columns."""
     import pandas as pd
 
     texts = [columns.iloc[:, k].astype(str).str.strip() for k in range(columns.shape[1])]
@@ -197,12 +197,12 @@ def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
     except (ValueError, TypeError) as fault:
         words = " ".join(str(fault).split()).split(". You might")[0]  # without advice on arguments that an import does not have
         raise InputError(f"time: column {name} is not ISO 8601: {words}") from None
-    ticks, said = continue_tags(stamps.astype("int64").to_numpy(), "ns")
-    return replace(_split_seconds(ticks, 9, "UTC"), said=said)
+    ticks, note = continue_tags(stamps.astype("int64").to_numpy(), "ns")
+    return replace(_split_seconds(ticks, 9, "UTC"), note=note)
 
 
 def _parse_times_of_day(column: pd.Series) -> Clock:
-    """Times of day without a date; a step back by more than half a day is midnight."""
+    """Parse times of day without a date; a step back by more than half a day is midnight."""
     parts = column.str.split(":", expand=True)
     minutes = (parts[0].astype(int) * 60 + parts[1].astype(int)).to_numpy()
     seconds = parts[2].str.replace(",", ".").astype(float).to_numpy(dtype=np.float64)
@@ -212,7 +212,7 @@ def _parse_times_of_day(column: pd.Series) -> Clock:
 
 
 def describe_first_word(column: pd.Series) -> str:
-    """The first entry of a column that is no number, with its row."""
+    """Describe the first entry of a column that is no number, with its row."""
     import pandas as pd
 
     values = pd.to_numeric(column.astype(str), errors="coerce")  # as text: an integer of 400 digits is no float
@@ -226,6 +226,7 @@ def is_numeric(column: pd.Series) -> bool:
 
 
 def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
+    """Read a column of time tags as finite numbers (n,) below 2^63."""
     if not is_numeric(column):
         raise InputError(f"time: column {name} holds {describe_first_word(column)}, not numbers; dates are iso")
     values: NDArray[np.generic] = column.to_numpy()
@@ -238,7 +239,7 @@ def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
 
 
 def _split_seconds(values: NDArray[np.generic], places: int, scale: str) -> Clock:
-    """Whole seconds and the rest; integers, which nanoseconds of unix time need, stay exact."""
+    """Split tags into whole seconds and the rest; integers, which nanoseconds of unix time need, stay exact."""
     if np.issubdtype(values.dtype, np.integer):
         unit = 10**places
         whole = values.astype(np.int64) // unit
@@ -272,5 +273,5 @@ def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
 
 
 def format_degrees(values: Array) -> str:
-    """Angles in degrees, four digits each."""
+    """Format angles, rad, in degrees with four digits each."""
     return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))

@@ -1,4 +1,4 @@
-"""Stretches of a recording that were not measured: found, listed, and left out by import, calibration and diagnosis alike.
+"""Stretches of a recording that were not measured: import, calibration and diagnosis find, list and leave them out alike.
 
 - `mask`: the list of such stretches and the recording without them.
 - `gyro_faults`: gyros that are clipped or that stop.
@@ -7,7 +7,7 @@
 On tables that are not yet a recording, the import leaves out single rows:
 
 - `held_readings`: readings that a firmware holds at rest.
-- `lost_references`: zeros and the identity in place of an attitude, and rows that repeat one, in any mounting of the sensor.
+- `lost_references`: the identity in place of an attitude, and rows that repeat one, in any mounting of the sensor.
 """
 
 from collections.abc import Sequence
@@ -26,30 +26,31 @@ __all__ = ["DataMask", "MaskedStretch", "find_mask", "mark_interval_samples"]
 def find_mask(recording: Recording, exclude: Sequence[tuple[float, float]] = ()) -> DataMask:
     """Find the stretches of a recording that were not measured.
 
-    recording: gyro and references at their full rate where there is a choice, since thinned references hide single false ones
+    recording: gyro and references preferably at their full rate, since thinned references hide single false ones
     exclude: stretches to leave out by hand, each from and to a time in s since the first gyro sample
     """
     mask = read_mask(recording).exclude(recording, exclude)
     if not recording.attitudes.t_s.size:
         return mask
-    left = mask.apply(recording)
-    seen: Innovations | None = None
+    masked = mask.apply(recording)
+    innovations: Innovations | None = None
     for find in (find_plateaus, find_frozen, find_stops, find_noisy_plateaus, find_jumps):
-        seen = _propagate(left) if seen is None else seen
-        found = find(left, seen)
-        if found:  # what was found is out of the way of what is looked for after it
-            mask = mask.add(found)
-            left, seen = mask.apply(recording), None
+        innovations = _compute_apriori_innovations(masked) if innovations is None else innovations
+        stretches = find(masked, innovations)
+        if stretches:  # each search is on the recording without the stretches found before
+            mask = mask.add(stretches)
+            masked, innovations = mask.apply(recording), None
     return mask
 
 
-def _propagate(recording: Recording) -> Innovations:
+def _compute_apriori_innovations(recording: Recording) -> Innovations:
     """Compute the innovations of the references of a recording at its a-priori calibration."""
     gyro, attitudes = recording.gyro, recording.attitudes
     number = np.full(attitudes.t_s.size, -1, dtype=np.intp)
     for k, interval in enumerate(recording.intervals):
         rows = find_reference_rows(attitudes.t_s, interval)
         number[rows[number[rows] < 0]] = k
+    # References of one number are propagated in a row: neither intervals nor gaps of the gyro lie between them.
     gaps = gyro.t_s[1:][np.diff(gyro.t_s) > GAP_SAMPLES * gyro.sample_s]
     number = np.where(number < 0, -1, number * (gaps.size + 1) + np.searchsorted(gaps, attitudes.t_s))
     rates = gyro.rates @ gyro.apriori_G.T + gyro.apriori_bias

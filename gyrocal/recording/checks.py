@@ -1,23 +1,29 @@
-"""What makes the parts of a recording valid; each check raises an `InputError` that says where it is not, and what to do."""
+"""Checks of the parts of a recording; each raises an `InputError` with the place of a fault and the remedy."""
 
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from gyrocal.arrays import Array
+from gyrocal.arrays import Array, Mask
 from gyrocal.errors import InputError
 from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
 
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
-SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
+SMALLEST_DETERMINANT = 1e-3  # of an invertible G
 SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix that can be inverted
-LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
-SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
+LARGEST_RATE = float(np.deg2rad(1e5))  # rad/s, above the range of any gyro
+SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # rad, of a plausible sigma of an attitude
+
+
+def refuse_rows(table: str, bad: Mask, fault: str) -> None:
+    """Refuse a table with bad rows (n,); the message names the first."""
+    if bad.any():
+        raise InputError(f"{table}: row {int(np.argmax(bad))}: {fault} ({int(bad.sum())} such)")
 
 
 def check_times(t_s: Array, what: str) -> None:
-    """Finite times that increase."""
+    """Check that times (n,) are finite and increase."""
     if t_s.ndim != 1 or t_s.size == 0:
         raise InputError(f"{what}: no rows")
     if not np.isfinite(t_s).all():
@@ -29,7 +35,7 @@ def check_times(t_s: Array, what: str) -> None:
 
 
 def check_gyro(gyro: GyroStream) -> None:
-    """Times that increase, finite rates, a G that spans the axes, and samples as far apart as they are long."""
+    """Check a gyro stream: increasing times, finite rates, an invertible G, and samples as far apart as they are long."""
     check_times(gyro.t_s, "gyro")
     if gyro.rates.shape != (gyro.t_s.size, 3):
         raise InputError("gyro: rates must be three a sample; gyrocal.importing.join_gyros makes three of more gyros")
@@ -39,7 +45,7 @@ def check_gyro(gyro: GyroStream) -> None:
         raise InputError("gyro: G must be 3×3, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
-    # Two numbers of all rates say whether there is such a row, in a tenth of the time that it takes to find it.
+    # The extremes of all rates show that there is such a row in a tenth of the time needed to find it.
     if not -LARGEST_RATE <= gyro.rates.min() <= gyro.rates.max() <= LARGEST_RATE:
         fast = np.flatnonzero((np.abs(gyro.rates) > LARGEST_RATE).any(axis=1))
         raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
@@ -82,7 +88,7 @@ def check_attitudes(attitudes: Attitudes) -> None:
 
 
 def check_intervals(intervals: tuple[Interval, ...]) -> None:
-    """Names of their own, a length, and no overlap."""
+    """Check intervals: unique names, positive durations, no overlap."""
     if not intervals:
         raise InputError("no [[interval]] is given")
     names = [interval.name for interval in intervals]
@@ -104,7 +110,7 @@ def check_intervals(intervals: tuple[Interval, ...]) -> None:
 
 
 def check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:
-    """Every interval has a reference to start from and one to reach, and every reference is in an interval."""
+    """Check that every interval has two references at least, and that every reference is in an interval."""
     used = np.zeros(t_s.size, dtype=bool)
     for interval in intervals:
         rows = find_reference_rows(t_s, interval)

@@ -35,9 +35,9 @@ IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
 
 
 def load(folder: str | os.PathLike[str], *, without_references: bool = False) -> Recording:
-    """Load and validate a recording, which may do without references if only its gyro's noise is of interest.
+    """Load and validate a recording; without_references allows one without reference attitudes.
 
-    An `InputError` says in one line which file is wrong, where in it, and what.
+    An `InputError` gives in one line the file, the place in it and the fault.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -49,14 +49,15 @@ def load(folder: str | os.PathLike[str], *, without_references: bool = False) ->
 
 
 def _load(folder: Path, without_references: bool) -> Recording:
-    said = header.read(folder / HEADER)
+    """Read and validate the files of a recording whose folder is locked."""
+    stated = header.read(folder / HEADER)
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *RATE_COLUMNS))
     without_references = without_references and tables.find(folder, "attitude") is None
     attitude_name, attitude = "attitude", None
     if not without_references:
         attitude_name, attitude = tables.read(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
-    stream = _build_stream(said.gyro, gyro)
+    stream = _build_stream(stated.gyro, gyro)
     with _name_in_error(folder):
         sensors = sensor_tables.read(optional)
     with _name_in_error(folder / gyro_name):  # checked here first so that the message can name the file
@@ -64,39 +65,39 @@ def _load(folder: Path, without_references: bool) -> Recording:
     attitudes = build_empty_attitudes()
     if attitude is not None:
         with _name_in_error(folder / attitude_name):
-            attitudes = _read_attitudes(attitude, said.attitude)
+            attitudes = _read_attitudes(attitude, stated.attitude)
             checks.check_attitudes(attitudes)
     with _name_in_error(folder):
         return Recording(
-            title=said.title,
-            epoch=said.epoch,
-            time_scale=said.time_scale,
+            title=stated.title,
+            epoch=stated.epoch,
+            time_scale=stated.time_scale,
             gyro=stream,
             attitudes=attitudes,
-            intervals=tuple(one.interval for one in said.interval),
-            orbit=Orbit(**said.orbit.model_dump()) if said.orbit else None,
+            intervals=tuple(span.interval for span in stated.interval),
+            orbit=Orbit(**stated.orbit.model_dump()) if stated.orbit else None,
             tables={name: table for name, table in optional.items() if name not in sensor_tables.list_known_tables(optional)},
             sensors=sensors,
             without_references=without_references,
         )
 
 
-def _build_stream(said: header.GyroHeader, table: pd.DataFrame) -> GyroStream:
-    """The samples of a table."""
+def _build_stream(stated: header.GyroHeader, table: pd.DataFrame) -> GyroStream:
+    """Build the gyro stream of a table, deg/s, and the header."""
     return GyroStream(
         t_s=_convert_columns(table, ("t_s",))[:, 0],
         rates=np.deg2rad(_convert_columns(table, RATE_COLUMNS)),
-        sample_s=said.sample_s,
-        arw=float(np.deg2rad(said.arw_deg_per_sqrt_s)),
-        apriori_G=np.array(said.apriori_G),
-        apriori_bias=np.deg2rad(said.apriori_bias_deg_s),
-        arw_estimated=said.arw_estimated,
-        arw_degrees=float("inf") if said.arw_dof is None else said.arw_dof,
+        sample_s=stated.sample_s,
+        arw=float(np.deg2rad(stated.arw_deg_per_sqrt_s)),
+        apriori_G=np.array(stated.apriori_G),
+        apriori_bias=np.deg2rad(stated.apriori_bias_deg_s),
+        arw_estimated=stated.arw_estimated,
+        arw_degrees=float("inf") if stated.arw_dof is None else stated.arw_dof,
     )
 
 
-def _read_attitudes(table: pd.DataFrame, said: header.AttitudeHeader) -> Attitudes:
-    """The references of a table."""
+def _read_attitudes(table: pd.DataFrame, stated: header.AttitudeHeader) -> Attitudes:
+    """Read the reference attitudes of a table, whose sigmas are in deg."""
     correlated = [name for name in CORRELATION_COLUMNS if name in table.columns]
     if correlated and len(correlated) < len(CORRELATION_COLUMNS):
         raise InputError(f"columns {', '.join(CORRELATION_COLUMNS)} go together; only {', '.join(correlated)} is there")
@@ -104,14 +105,14 @@ def _read_attitudes(table: pd.DataFrame, said: header.AttitudeHeader) -> Attitud
         t_s=_convert_columns(table, ("t_s",))[:, 0],
         quaternions=_convert_columns(table, QUATERNION_COLUMNS),
         sigma=np.deg2rad(_convert_columns(table, SIGMA_COLUMNS)),
-        sigma_estimated=said.sigma_estimated,
+        sigma_estimated=stated.sigma_estimated,
         correlation=_convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
-        sigma_degrees=float("inf") if said.sigma_dof is None else said.sigma_dof,
+        sigma_degrees=float("inf") if stated.sigma_dof is None else stated.sigma_dof,
     )
 
 
 def _convert_columns(table: pd.DataFrame, names: tuple[str, ...]) -> Array:
-    """Columns as numbers (n, columns)."""
+    """Convert columns to numbers (n, columns)."""
     return np.ascontiguousarray(table[list(names)].to_numpy(dtype=np.float64))
 
 
@@ -125,12 +126,12 @@ def _name_in_error(path: Path) -> Iterator[None]:
 
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
-    """Write a recording; the folder is made, and an existing recording in it is replaced as a whole or, after an error, not."""
+    """Write a recording and make its folder; an existing recording is replaced as a whole or, after an error, not at all."""
     from gyrocal.recording import parquet  # late, as pandas
 
     frames = tables.build_frames(recording.gyro, recording.attitudes, recording.tables, recording.sensors)
     absent = [f"{name}.parquet" for name in ("gyro", "attitude", *OPTIONAL_TABLES) if name not in frames]
-    in_csv = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
+    in_csv = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of the recording that is replaced
     files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}
     text = header.format_header(recording).encode()
     write_together(Path(folder), {**files, HEADER: lambda file: file.write(text)}, (*absent, *in_csv))

@@ -1,6 +1,6 @@
-"""recording.toml: what it must say, how it is written, and the faults of a document in words.
+"""recording.toml: its model, how it is written, and the faults of a document in words.
 
-Format 2 may state the node and the argument of latitude of the orbit. What format 1 can hold is written in it.
+Format 2 may state the node and the argument of latitude of the orbit. A header without these is written in format 1.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LARGEST_HEADER = 1 << 24  # bytes of recording.toml
 
 GainRow = Annotated[list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=3, max_length=3)]
 
-# Pydantic's messages as a person would say them, replaced in this order; the rest of a message stays as it is.
+# Replacements in Pydantic's messages, in this order, by plain words.
 MESSAGE_REPLACEMENTS = (
     (r"^(Value|Assertion) error, ", ""),
     (r"^Extra inputs are not permitted$", "is not known"),
@@ -70,7 +70,7 @@ class AttitudeHeader(_Model):
 
 
 class _OrbitHeader(_Model):
-    period_s: float = Field(ge=1.0, le=1e9)  # nothing that a spacecraft flies
+    period_s: float = Field(ge=1.0, le=1e9)  # beyond any orbit
     altitude_km: float
     inclination_deg: float
     raan_deg: float | None = None
@@ -88,12 +88,12 @@ class IntervalHeader(_Model):
 
     @property
     def interval(self) -> Interval:
-        """The same in memory."""
+        """The interval as a part of a recording."""
         return Interval(self.name, self.activity, self.start_s, self.stop_s, self.forward)
 
 
 class Header(_Model):
-    """What recording.toml says; angles in degrees, as on file."""
+    """The entries of recording.toml; angles in degrees, as on file."""
 
     format: Literal[1, 2]
     title: str
@@ -119,7 +119,7 @@ class Header(_Model):
 
 
 def read(path: Path) -> Header:
-    """The header in a file."""
+    """Read the header in a file."""
     check_regular(path)
     if path.exists() and path.stat().st_size > LARGEST_HEADER:
         raise InputError(f"{path}: {path.stat().st_size} bytes are no header of a recording, of {LARGEST_HEADER} at most")
@@ -130,7 +130,7 @@ def read(path: Path) -> Header:
 
 
 def format_header(recording: Recording) -> str:
-    """The header of a recording as it is on file."""
+    """Format the header of a recording as TOML."""
     gyro, attitudes = recording.gyro, recording.attitudes
     known = {} if recording.orbit is None else vars(recording.orbit)
     orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
@@ -151,8 +151,8 @@ def format_header(recording: Recording) -> str:
         "sigma_estimated": attitudes.sigma_estimated or None,
         "sigma_dof": float(attitudes.sigma_degrees) if np.isfinite(attitudes.sigma_degrees) else None,
     }
-    tags = [{"start_s": float(one.start_s), "stop_s": float(one.stop_s)} for one in recording.intervals]
-    intervals = [("[[interval]]", vars(one) | own) for one, own in zip(recording.intervals, tags, strict=True)]
+    spans = [vars(i) | {"start_s": float(i.start_s), "stop_s": float(i.stop_s)} for i in recording.intervals]
+    intervals = [("[[interval]]", span) for span in spans]
     blocks = []
     for title, entries in (("", top), ("[gyro]", of_gyro), ("[attitude]", of_attitudes), ("[orbit]", orbit), *intervals):
         if not entries:
@@ -175,7 +175,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def format_toml(value: object) -> str:
-    """One TOML value; floats with all their digits, so that what is read is what was written."""
+    """Format one TOML value; floats with all their digits, so that reading returns the value that was written."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -193,7 +193,7 @@ def format_toml(value: object) -> str:
 
 
 def format_validation_error(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """All faults of a validated document in one line, each by its path; an unknown key with those of the model."""
+    """Format all faults of a validated document in one line, each by its path; an unknown key with those of the model."""
     parts = []
     for fault in error.errors(include_url=False):
         text = str(fault["msg"])
@@ -207,20 +207,20 @@ def format_validation_error(error: ValidationError, model: type[BaseModel] | Non
 
 
 def _list_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Keys of the table at a path of a document; none where that is not known."""
-    here: list[type[BaseModel]] = [model]
+    """List the keys of the table at a path of a document; none if the table is unknown."""
+    models: list[type[BaseModel]] = [model]
     for part in path:
         if isinstance(part, int):
-            continue  # an item of a list is what the list holds
+            continue  # an item of a list has the models of the list
         # The model of a union that this tag stands for.
-        tagged = [kind for kind in here if any(part in get_args(field.annotation) for field in kind.model_fields.values())]
-        inside = [found for kind in here if part in kind.model_fields for found in _list_models(kind.model_fields[part])]
-        here = inside or tagged or here
-    return list(dict.fromkeys(key for kind in here for key in kind.model_fields))
+        tagged = [kind for kind in models if any(part in get_args(field.annotation) for field in kind.model_fields.values())]
+        inside = [inner for kind in models if part in kind.model_fields for inner in _list_models(kind.model_fields[part])]
+        models = inside or tagged or models
+    return list(dict.fromkeys(key for kind in models for key in kind.model_fields))
 
 
 def _list_models(field: Any) -> Iterator[type[BaseModel]]:
-    """The models in the type of a field, or a part of a type."""
+    """List the models in the type of a field, or in a part of a type."""
     kind = getattr(field, "annotation", field)
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         yield kind

@@ -1,4 +1,4 @@
-"""Notes of an import beside a recording: how the tables were read, what was assumed, and what is implausible."""
+"""Notes of an import in the folder of a recording: the mapping, the assumptions, and implausible values."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 from gyrocal.files import open_replacement
 from gyrocal.recording.header import format_toml
 
-NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
-NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
+NOTES_FILE = "import.toml"  # beside recording.toml; not needed to load a recording
+NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # first words of a note on estimated noise
 
 
 def write_import_notes(
     folder: str | os.PathLike[str], warnings: Sequence[str], assumed: Sequence[str], mapping: dict[str, Any]
 ) -> None:
-    """Write what is implausible, what was assumed, and the entries of the mapping to `NOTES_FILE`."""
+    """Write the warnings, the assumptions and the entries of the mapping to `NOTES_FILE`."""
     lines = ["# How this recording was imported."]
     for name, texts in (("implausible", warnings), ("assumed", assumed)):
         lines += [f"{name} = [", *(f"    {format_toml(text)}," for text in texts), "]"] if texts else []
@@ -29,16 +29,17 @@ def write_import_notes(
 
 
 def read_estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
-    """Read the noise of gyro and references that an import estimated, a sentence each; none where none is recorded."""
+    """Read the notes on the noise that an import estimated, a sentence each; empty if none is recorded."""
     return [text for text in _read_notes(folder, "assumed") if text.startswith(NOISE_PHRASES)]
 
 
 def read_import_warnings(folder: str | os.PathLike[str]) -> list[str]:
-    """Read the warnings of an import, a sentence each; none where none is recorded."""
+    """Read the warnings of an import, a sentence each; empty if none is recorded."""
     return _read_notes(folder, "implausible")
 
 
 def _read_notes(folder: str | os.PathLike[str], name: str) -> list[str]:
+    """Read a list of sentences of `NOTES_FILE`; empty if the file or the list is absent or damaged."""
     try:
         texts = tomllib.loads((Path(folder) / NOTES_FILE).read_text(encoding="utf-8"))[name]
         return [text for text in texts if isinstance(text, str)]

@@ -1,8 +1,8 @@
-"""Tables of a recording as Parquet, so that damage is seen when they are read.
+"""Tables of a recording as Parquet, with a check for damage on reading.
 
-Pages carry checksums, but what says where they lie, what is in them and how many rows there are does not: there one wrong byte
-can read a column in place of another. So the file also states the SHA-256 of what is in the table. A file of another program
-may state neither; then what it states of its rows must at least agree.
+Pages carry checksums, but the metadata with their places, contents and numbers of rows do not: one wrong byte there can
+exchange two columns. The file therefore also states the SHA-256 of the table's contents. A file of another program may state
+neither; then its numbers of rows must at least agree.
 """
 
 import hashlib
@@ -43,11 +43,11 @@ def read(path: Path) -> pd.DataFrame:
 
 
 def hash_table(table: pa.Table) -> bytes:
-    """SHA-256 of the names, types and values of a table's columns, in hexadecimal."""
+    """Compute the SHA-256 of the names, types and values of a table's columns, in hexadecimal."""
     hashed = hashlib.sha256()
     for name, column in zip(table.column_names, table.columns, strict=True):
         hashed.update(repr(name).encode())
-        if pa.types.is_primitive(column.type):  # however it is cut into chunks
+        if pa.types.is_primitive(column.type):  # independent of the division into chunks
             hashed.update(str(column.type).encode())
             hashed.update(pc.is_valid(column).to_numpy().tobytes())
             hashed.update(pc.drop_null(column).to_numpy().tobytes())

@@ -1,4 +1,4 @@
-"""What a recording is made of: the samples of the gyro, the reference attitudes, the calibration intervals and the orbit."""
+"""The parts of a recording: the samples of the gyro, the reference attitudes, the calibration intervals and the orbit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gyrocal.arrays import Array, Indices
 
 FORWARD_AXES = ("+x", "-x", "+y", "-y", "none")
 AXES = np.arange(3)
-ROWS, COLUMNS = np.array([0, 0, 1]), np.array([1, 2, 2])  # of the elements of a covariance beside its diagonal
+ROWS, COLUMNS = np.array([0, 0, 1]), np.array([1, 2, 2])  # of the elements of a covariance above its diagonal
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 
 
@@ -36,7 +36,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class GyroStream:
-    """Raw gyro samples and what is known of the gyro beforehand.
+    """Raw gyro samples and the a-priori calibration of the gyro.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class GyroStream:
     arw : angle random walk, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
     apriori_G : (3, 3) rows are body axes, columns gyros
     apriori_bias : (3,) rad/s
-    arw_estimated : whether `arw` was estimated from these samples, so that it is no statement of the gyro's noise
+    arw_estimated : whether `arw` was estimated from these samples instead of stated
     arw_degrees : degrees of freedom of an estimated `arw`; 0 if it is an upper bound
     """
 
@@ -77,14 +77,14 @@ class GyroStream:
 
 @dataclass(frozen=True)
 class Attitudes:
-    """Reference attitudes; none at all in a recording of the gyro's noise alone.
+    """Reference attitudes; empty in a recording of the gyro's noise alone.
 
     Attributes
     ----------
     t_s : (m,) s since the epoch, strictly increasing
     quaternions : (m, 4) inertial to body, scalar last
     sigma : (m, 3) 1-sigma per body axis, rad
-    sigma_estimated : whether `sigma` was estimated from this recording, so that it is no statement of the references' noise
+    sigma_estimated : whether `sigma` was estimated from this recording instead of stated
     correlation : (m, 3) of the errors about x and y, x and z, y and z; None if they are independent
     sigma_degrees : degrees of freedom of an estimated `sigma`; 0 if it is an upper bound
     """
@@ -97,7 +97,7 @@ class Attitudes:
     sigma_degrees: float = float("inf")
 
     def compute_covariance(self, sigma: Array | None = None) -> Array:
-        """(m, 3, 3) covariance of the errors about the body's axes, rad²; of other sigmas (m, 3) with the same correlation."""
+        """Compute the covariance (m, 3, 3) of the errors about the body's axes, rad², of these or other sigmas (m, 3)."""
         s = self.sigma if sigma is None else sigma
         P = np.zeros((len(s), 3, 3))
         P[:, AXES, AXES] = s**2
@@ -106,23 +106,23 @@ class Attitudes:
         return P
 
     def build_error_axes(self, sigma: Array | None = None) -> Array | None:
-        """(m, 3, 3) D of errors D ν, with ν independent and of these sigmas; None if the errors are independent themselves."""
+        """Build D (m, 3, 3) of errors D ν, ν independent with these or other sigmas; None if the errors are independent."""
         if self.correlation is None:
             return None
         s = self.sigma if sigma is None else sigma
         return np.asarray(np.linalg.cholesky(self.compute_covariance(s)) / s[:, None])
 
     def select_rows(self, rows: Any) -> Attitudes:
-        """Some of the references, by their rows."""
+        """Select references by their rows."""
         correlation = None if self.correlation is None else self.correlation[rows]
         return replace(
             self, t_s=self.t_s[rows], quaternions=self.quaternions[rows], sigma=self.sigma[rows], correlation=correlation
         )
 
     def replace_covariance(self, P: Array) -> Attitudes:
-        """The same attitudes with the covariances P (m, 3, 3), rad²."""
-        s, off = np.sqrt(np.diagonal(P, axis1=1, axis2=2)), P[:, ROWS, COLUMNS]
-        return replace(self, sigma=s, correlation=off / (s[:, ROWS] * s[:, COLUMNS]) if off.any() else None)
+        """Replace the covariances of the attitudes by P (m, 3, 3), rad²."""
+        s, covariance = np.sqrt(np.diagonal(P, axis1=1, axis2=2)), P[:, ROWS, COLUMNS]
+        return replace(self, sigma=s, correlation=covariance / (s[:, ROWS] * s[:, COLUMNS]) if covariance.any() else None)
 
     @property
     def sigma_deg(self) -> Array:
@@ -132,7 +132,7 @@ class Attitudes:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Orbit of the recording, as far as it is known; node and argument of latitude are those at the epoch."""
+    """Orbit of the recording, None where unknown; node and argument of latitude are those at the epoch."""
 
     period_s: float
     altitude_km: float
@@ -142,11 +142,11 @@ class Orbit:
 
 
 def build_empty_attitudes() -> Attitudes:
-    """No reference attitudes at all."""
+    """Build reference attitudes without rows."""
     return Attitudes(np.empty(0), np.empty((0, 4)), np.empty((0, 3)))
 
 
 def find_reference_rows(t_s: Array, interval: Interval) -> Indices:
-    """Indices of the reference attitudes inside an interval, both ends included."""
+    """Find the rows of the reference attitudes inside an interval, both ends included."""
     inside = (t_s >= interval.start_s - TIME_TOLERANCE_S) & (t_s <= interval.stop_s + TIME_TOLERANCE_S)
     return np.flatnonzero(inside)

@@ -19,13 +19,13 @@ from gyrocal.recording.tables import build_frames
 if TYPE_CHECKING:
     import pandas as pd
 
-ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one further off is wrong
-MOST_REPR_LINES = 15  # of a repr, at most
+ROUNDED_NORM = 0.01  # largest deviation of a quaternion's norm from one by rounding; a larger one is an error
+MOST_REPR_LINES = 15
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything the calibrator gets to see; `without_references` it may have none, and shows the gyro's noise only."""
+    """All data of a calibration; `without_references` it may have no references, and shows the gyro's noise only."""
 
     title: str
     epoch: str
@@ -63,7 +63,7 @@ class Recording:
         epoch: str = "2000-01-01T00:00:00",
         time_scale: str = "seconds of the arrays",
     ) -> Recording:
-        """A recording of arrays; an `InputError` if shapes do not fit, or the recording would not be valid.
+        """Build a recording of arrays; an `InputError` if shapes do not fit, or the recording would not be valid.
 
         Parameters
         ----------
@@ -102,14 +102,14 @@ class Recording:
         )
 
     def to_frame(self, table: str = "gyro") -> pd.DataFrame:
-        """The table "gyro", "attitude" or another one of the recording, with the columns of the files, in degrees.
+        """Return the table "gyro", "attitude" or another one of the recording, with the columns of the files, in degrees.
 
-        An `InputError` if there is none of that name.
+        An `InputError` if there is no table of that name.
         """
-        found = build_frames(self.gyro, self.attitudes, self.tables, self.sensors)
-        if table not in found:
-            raise InputError(f"{table}: no such table; there are {', '.join(found)}")
-        return found[table].copy()
+        frames = build_frames(self.gyro, self.attitudes, self.tables, self.sensors)
+        if table not in frames:
+            raise InputError(f"{table}: no such table; there are {', '.join(frames)}")
+        return frames[table].copy()
 
     def _list_facts(self) -> list[tuple[str, str]]:
         """List the facts of a recording, a row for each quantity."""
@@ -139,7 +139,7 @@ class Recording:
 
 
 def format_text(name: str, rows: list[tuple[str, str]]) -> str:
-    """A repr: a line for each fact."""
+    """Format facts as a repr with a line for each, at most `MOST_REPR_LINES`."""
     width = max(len(label) for label, _ in rows)
     return "\n".join(
         [name, *(f"  {label:<{width}}  {' '.join(value.split())[:100]}" for label, value in rows)][:MOST_REPR_LINES]
@@ -147,6 +147,6 @@ def format_text(name: str, rows: list[tuple[str, str]]) -> str:
 
 
 def format_html(name: str, rows: list[tuple[str, str]]) -> str:
-    """The same as a table of HTML."""
+    """Format facts as a table of HTML."""
     cells = "".join(f"<tr><th>{html.escape(label)}</th><td>{html.escape(value)}</td></tr>" for label, value in rows)
     return f"<table><caption>{html.escape(name)}</caption>{cells}</table>"

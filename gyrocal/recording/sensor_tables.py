@@ -1,4 +1,4 @@
-"""Raw tables of the attitude sensors in a recording: counts, penetration angles, and where spacecraft and Sun are.
+"""Raw tables of the attitude sensors in a recording: counts, penetration angles, and positions of spacecraft and Sun.
 
 sun_sensor
     t_s, sensor (1, 2, …), count_alpha, count_beta; a row only where the Sun is in view
@@ -7,9 +7,9 @@ earth_sensor
 ephemeris
     t_s, position_x_m, position_y_m, position_z_m from the Earth's centre, sun_x, sun_y, sun_z a unit vector; inertial
 
-An orbit's period, altitude and inclination say neither where the spacecraft is nor where the Sun stands; the ephemeris does,
-and has a row for every tag of the two others. A sun_sensor or earth_sensor table with none of these columns but t_s is of some
-other kind and left as it is.
+An orbit's period, altitude and inclination give neither the position of the spacecraft nor that of the Sun; the ephemeris does,
+and has a row for every tag of the two others. A sun_sensor or earth_sensor table with none of these columns but t_s is of
+another kind and is not read.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from gyrocal.arrays import Array, Indices, Mask
 from gyrocal.errors import InputError
+from gyrocal.recording.checks import refuse_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,14 +34,14 @@ PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
 USED = tuple(f"used_{i}" for i in range(1, 5))
 POSITION = ("position_x_m", "position_y_m", "position_z_m")
 SUN_DIRECTION_COLUMNS = ("sun_x", "sun_y", "sun_z")
-OWN_COLUMNS = {  # of each table: with one of them it is meant to be such a table
+OWN_COLUMNS = {  # of each table: a table with one of them is read as such
     "sun_sensor": ("sensor", *SUN_COUNT_COLUMNS),
     "earth_sensor": (*PENETRATIONS, *USED),
     "ephemeris": ("t_s", *POSITION, *SUN_DIRECTION_COLUMNS),
 }
 SAME_TIME_S = 1e-6
 UNIT = 1e-5  # |s| − 1 of a direction written with six digits
-NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
+NEAREST_M = 6.3e6  # smallest distance of an orbit from the Earth's centre
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ class SunCounts:
     counts: Array  # (n, 2) of the α and the β head
 
     def select_sensor(self, number: int) -> tuple[Array, Array]:
-        """Times (k,) and counts (k, 2) of one sensor."""
-        own = self.sensor == number
-        return self.t_s[own], self.counts[own]
+        """Return times (k,) and counts (k, 2) of one sensor."""
+        rows = self.sensor == number
+        return self.t_s[rows], self.counts[rows]
 
 
 @dataclass(frozen=True)
@@ -75,15 +76,15 @@ class Ephemeris:
     sun: Array  # (n, 3) unit vectors, inertial
 
     def rows(self, t_s: Array) -> Indices:
-        """Rows of some times, each of which is there."""
+        """Find the rows of times (k,) of the ephemeris."""
         return np.searchsorted(self.t_s, t_s - SAME_TIME_S)
 
 
 @dataclass(frozen=True)
 class SensorTables:
-    """The raw tables of a recording's attitude sensors; None for one that is not there.
+    """The raw tables of a recording's attitude sensors; None for an absent one.
 
-    An `InputError` if a sensor has a tag that the ephemeris lacks.
+    An `InputError` if a sensor has a tag that is absent in the ephemeris.
     """
 
     sun: SunCounts | None = None
@@ -97,18 +98,18 @@ class SensorTables:
             if table is None:
                 continue
             rows = np.minimum(self.ephemeris.rows(table.t_s), len(self.ephemeris.t_s) - 1)
-            lost = np.flatnonzero(np.abs(self.ephemeris.t_s[rows] - table.t_s) > SAME_TIME_S)
-            if lost.size:
-                raise InputError(f"ephemeris: no row at t_s = {table.t_s[lost[0]]} of {name} ({lost.size} such)")
+            absent = np.flatnonzero(np.abs(self.ephemeris.t_s[rows] - table.t_s) > SAME_TIME_S)
+            if absent.size:
+                raise InputError(f"ephemeris: no row at t_s = {table.t_s[absent[0]]} of {name} ({absent.size} such)")
 
 
 def list_known_tables(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
-    """Names of the tables that `read` understands, or that try to be so."""
-    return tuple(name for name, own in OWN_COLUMNS.items() if name in frames and set(own) & set(frames[name].columns))
+    """List the names of the tables that `read` reads."""
+    return tuple(name for name, columns in OWN_COLUMNS.items() if name in frames and set(columns) & set(frames[name].columns))
 
 
 def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
-    """The sensors' tables among those of a recording; None if there is none of them."""
+    """Read the sensors' tables among those of a recording; None if there are none."""
     names = list_known_tables(frames)
     if not names:
         return None
@@ -120,7 +121,7 @@ def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
 
 
 def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
-    """The tables as they are on file."""
+    """Build the tables as on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     out = {}
@@ -141,46 +142,50 @@ def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
 
 
 def _read_sun(frame: pd.DataFrame) -> SunCounts:
+    """Read the counts of the sun sensors; an `InputError` names the first bad row."""
     name = "sun_sensor"
     t_s, sensor = (_read_numbers(frame, name, (column,))[:, 0] for column in ("t_s", "sensor"))
     counts = _read_numbers(frame, name, SUN_COUNT_COLUMNS)
     for column, values in zip(("sensor", *SUN_COUNT_COLUMNS), (sensor, *counts.T), strict=True):
-        _refuse(name, values != np.round(values), f"{column} is not a whole number")
-    _refuse(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
-    _refuse(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
+        refuse_rows(name, values != np.round(values), f"{column} is not a whole number")
+    refuse_rows(name, (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
     for number in np.unique(sensor):
-        own = np.flatnonzero(sensor == number)
-        again = np.zeros(t_s.size, dtype=bool)
-        again[own] = np.diff(t_s[own], prepend=-np.inf) <= 0
-        _refuse(name, again, f"sensor {number:g} has two rows of one time")
+        rows = np.flatnonzero(sensor == number)
+        is_repeated = np.zeros(t_s.size, dtype=bool)
+        is_repeated[rows] = np.diff(t_s[rows], prepend=-np.inf) <= 0
+        refuse_rows(name, is_repeated, f"sensor {number:g} has two rows of one time")
     return SunCounts(t_s, sensor.astype(np.int64), counts)
 
 
 def _read_earth(frame: pd.DataFrame) -> PenetrationAngles:
+    """Read the penetration angles of the Earth sensor; an `InputError` names the first bad row."""
     name = "earth_sensor"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     used = _read_numbers(frame, name, USED)
-    _refuse(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
+    refuse_rows(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
     flags = used == 1
     angles = np.deg2rad(_read_numbers(frame, name, PENETRATIONS, finite=False))
-    _refuse(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
-    _refuse(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
-    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    refuse_rows(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
+    refuse_rows(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     return PenetrationAngles(t_s, angles, flags)
 
 
 def _read_ephemeris(frame: pd.DataFrame) -> Ephemeris:
+    """Read positions and directions of the Sun; an `InputError` names the first bad row."""
     name = "ephemeris"
     t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
     position, sun = _read_numbers(frame, name, POSITION), _read_numbers(frame, name, SUN_DIRECTION_COLUMNS)
-    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    refuse_rows(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     below = np.linalg.norm(position, axis=1) < NEAREST_M
-    _refuse(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
-    _refuse(name, np.abs(np.linalg.norm(sun, axis=1) - 1) > UNIT, "sun_x, sun_y, sun_z are not a unit vector")
+    refuse_rows(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
+    refuse_rows(name, np.abs(np.linalg.norm(sun, axis=1) - 1) > UNIT, "sun_x, sun_y, sun_z are not a unit vector")
     return Ephemeris(t_s, position, sun)
 
 
 def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], finite: bool = True) -> Array:
+    """Read columns of a table as numbers (n, columns)."""
     missing = [column for column in columns if column not in frame.columns]
     if missing:
         raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, frame.columns))}")
@@ -189,10 +194,5 @@ def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], fini
     except (TypeError, ValueError):
         raise InputError(f"{name}: {', '.join(columns)} must hold numbers") from None
     if finite:
-        _refuse(name, ~np.isfinite(values).all(axis=1), f"{' or '.join(columns)} is not a finite number")
+        refuse_rows(name, ~np.isfinite(values).all(axis=1), f"{' or '.join(columns)} is not a finite number")
     return np.asarray(values)
-
-
-def _refuse(name: str, bad: Mask, what: str) -> None:
-    if bad.any():
-        raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

@@ -1,8 +1,8 @@
-"""The tables of a recording: found and read from its folder, and made from what it holds.
+"""The tables of a recording: read from its folder, and built from its parts.
 
-Files are in degrees, objects in radians. What a file claims is looked at before it is read: a pipe without a writer waits for
-ever, /dev/zero never ends, and a Parquet file of a kilobyte may hold 10⁹ equal values. Its footer says how many; CSV tells its
-columns in its first line, and cannot hold more than its size.
+Files are in degrees, objects in radians. The claimed size of a file is checked before it is read: a pipe without a writer waits
+for ever, /dev/zero never ends, and a Parquet file of a kilobyte may hold 10⁹ equal values. The footer of a Parquet file states
+the number of values; the first line of a CSV file has its columns, and its size limits the number of values.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ LARGEST_LINE = 1 << 20  # bytes of names
 
 
 def find(folder: Path, name: str) -> Path | None:
-    """The file of a table; None if there is none."""
-    found = [folder / (name + suffix) for suffix in (".parquet", ".csv") if (folder / (name + suffix)).exists()]
-    if len(found) > 1:
+    """Find the file of a table; None if there is none."""
+    paths = [folder / (name + suffix) for suffix in (".parquet", ".csv") if (folder / (name + suffix)).exists()]
+    if len(paths) > 1:
         raise InputError(f"{folder}: both {name}.parquet and {name}.csv are there; keep the one that is meant")
-    return found[0] if found else None
+    return paths[0] if paths else None
 
 
 def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
-    """A table and its file's name."""
+    """Read a table with finite numbers in the required columns; return the name of its file and the table."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     from gyrocal.recording import parquet  # late, as pandas
@@ -94,7 +94,7 @@ def check_regular(path: Path) -> None:
 
 
 def _check_claimed_size(path: Path) -> None:
-    """Refuse a table that is no regular file or claims more than can be read; a damaged one is left to whoever reads it."""
+    """Refuse a table that is no regular file or claims more values than can be read; the reader reports damage."""
     import pyarrow as pa  # late, as pandas
     import pyarrow.parquet as pq
 
@@ -115,7 +115,7 @@ def _check_claimed_size(path: Path) -> None:
 
 
 def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
-    """Read a CSV file so that no field is lost, which pandas drops with a warning; a comma at the end of every row is let pass.
+    """Read a CSV file without the loss of fields, which pandas drops with a warning; a comma at the end of each row is allowed.
 
     A `ValueError` if a row has more fields than the header has names, or the file is damaged.
 
@@ -128,7 +128,7 @@ def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)
-        warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # who wants numbers sees that a column has none
+        warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # callers check that their columns hold numbers
         try:
             return pd.read_csv(path, index_col=False, **options)
         except pd.errors.ParserWarning:
@@ -139,14 +139,14 @@ def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
 def build_frames(
     gyro: GyroStream, attitudes: Attitudes, others: Mapping[str, pd.DataFrame], sensors: SensorTables | None
 ) -> dict[str, pd.DataFrame]:
-    """The tables of a recording as they are on file."""
+    """Build the tables of a recording as on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, gyro.rates_deg_s]), columns=["t_s", *RATE_COLUMNS])}
+    frames = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, gyro.rates_deg_s]), columns=["t_s", *RATE_COLUMNS])}
     if attitudes.t_s.size:
         columns = ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS]
         values = [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg]
         if attitudes.correlation is not None:
             columns, values = [*columns, *CORRELATION_COLUMNS], [*values, attitudes.correlation]
-        own["attitude"] = pd.DataFrame(np.column_stack(values), columns=columns)
-    return own | dict(others) | (sensor_tables.build_sensor_frames(sensors) if sensors is not None else {})
+        frames["attitude"] = pd.DataFrame(np.column_stack(values), columns=columns)
+    return frames | dict(others) | (sensor_tables.build_sensor_frames(sensors) if sensors is not None else {})

@@ -33,8 +33,8 @@ def command() -> None:
     """
 
 
-for one in import_formats.IMPORT_COMMANDS:
-    command.add_command(one)
+for format_command in import_formats.IMPORT_COMMANDS:
+    command.add_command(format_command)
 
 
 @command.command("csv")

@@ -1,4 +1,4 @@
-"""The commands of ``gyrocal import`` for files of a known form, whose columns nobody has to name."""
+"""The commands of ``gyrocal import`` for files of a known form, whose columns need no names."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TEMPERATURE = click.option("--temperature", metavar="COLUMN", help="Gyro's tempe
 
 
 class WordsOrNumbers(click.ParamType):
-    """One of some words, or a number or three; with any word, also another text."""
+    """One of some words, a number or three numbers, or with has_columns any other text."""
 
     name = "text"
 
@@ -44,7 +44,7 @@ class WordsOrNumbers(click.ParamType):
         self.words, self.counts, self.has_columns = words, counts, has_columns
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The word, a number, or a list of three."""
+        """Convert a text to the word, a number, or a list of three numbers."""
         if value in self.words:
             return value
         try:
@@ -65,7 +65,7 @@ class Axes(click.ParamType):
     name = "text"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The word, or a list of three numbers for each gyro."""
+        """Convert a text to the word, or to a list of three numbers for each gyro."""
         if value == "tetrahedron":
             return value
         try:
@@ -136,7 +136,7 @@ def show(
     as_json: Path | None,
     warnings: Sequence[str] = (),
 ) -> None:
-    """Say what was made, on the terminal and as JSON, units in the names; what is implausible first."""
+    """Show the imported recording on the terminal, after the warnings, and write it as JSON with units in the names."""
     from studies.report import tables as render
 
     for text in warnings:
@@ -144,7 +144,8 @@ def show(
     render.print_table(make_console(), str(out), summary)
     if as_json:
         gyro = recording.gyro
-        made = {
+        intervals = [{"name": span.name, "start_s": span.start_s, "stop_s": span.stop_s} for span in recording.intervals]
+        content = {
             "folder": str(out),
             "title": recording.title,
             "epoch": recording.epoch,
@@ -154,31 +155,31 @@ def show(
             "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
             "apriori_bias_deg_s": gyro.apriori_bias_deg_s,
             "references": recording.attitudes.t_s.size,
-            "intervals": [{"name": one.name, "start_s": one.start_s, "stop_s": one.stop_s} for one in recording.intervals],
+            "intervals": intervals,
             "assumed": assumed,
             "implausible": list(warnings),
         }
-        write_json(as_json, made)
+        write_json(as_json, content)
 
 
 def write_import(imported: ImportResult, out: Path, as_json: Path | None) -> None:
-    """Write what was imported, and say what was made."""
+    """Write the recording and the notes of an import, and show it."""
     from gyrocal import importing
 
     importing.write(imported, out)
     show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
 
-def _join_gyro_and_attitudes(gyro_file: Path, read: Aem, out: Path, given: dict[str, Any]) -> None:
-    """Import a gyro's table and attitudes of a message."""
+def _import_with_attitudes(gyro_file: Path, attitudes: Aem, out: Path, options: dict[str, Any]) -> None:
+    """Import a gyro's table with the attitudes of a message or kernel."""
     from gyrocal import importing
     from gyrocal.importing import aem
     from gyrocal.importing.streams import read_csv
 
-    attitude, entries = aem.tabulate_attitudes(read)
-    file, as_json = given.pop("file"), given.pop("as_json")
-    own = importing.load_mapping(file) if file else {}
-    entries = {"title": read.title} | own | entries | collect_entries(given)
+    attitude, attitude_entries = aem.tabulate_attitudes(attitudes)
+    file, as_json = options.pop("file"), options.pop("as_json")
+    file_entries = importing.load_mapping(file) if file else {}
+    entries = {"title": attitudes.title} | file_entries | attitude_entries | collect_entries(options)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
     write_import(importing.import_tables(read_csv(gyro_file), attitude, mapping), out, as_json)
 
@@ -198,7 +199,7 @@ def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, *
     refuse_existing(out, force)
     from gyrocal.importing import aem
 
-    _join_gyro_and_attitudes(gyro_file, aem.read_aem(message), out, options)
+    _import_with_attitudes(gyro_file, aem.read_aem(message), out, options)
 
 
 @click.command("ck")
@@ -219,8 +220,8 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
     refuse_existing(out, force)
     from gyrocal.importing import ck
 
-    read = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
-    _join_gyro_and_attitudes(gyro_file, read, out, options)
+    attitudes = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
+    _import_with_attitudes(gyro_file, attitudes, out, options)
 
 
 @click.command("euroc")
@@ -280,7 +281,7 @@ def import_bag_command(
 
 
 def collect_entries(options: dict[str, Any]) -> dict[str, Any]:
-    """Options that are given."""
+    """Collect the options that are given."""
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -45,7 +45,7 @@ def test_header_is_found_in_the_file(tmp_path, text, names, encoding):
     assert list(frame.columns) == names
     np.testing.assert_array_equal(frame.to_numpy(), [[0.5, 1.25, 3.0], [1.0, 2.5, 4.0]])
     if names != ["t", "x", "y"]:
-        assert any("header" in said for said in frame.attrs["said"])
+        assert any("header" in note for note in frame.attrs["notes"])
 
 
 def write_zip(path, data, names=("a/t.csv",)):

@@ -71,7 +71,7 @@ def test_mountings_are_stated_of_sensors_that_are_told_apart():
 
 
 def test_directions_of_gyros():
-    tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").directions(4)
+    tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").build_G(4)
     axes = np.array(column_mapping.TETRAHEDRON)
     np.testing.assert_allclose(tetrahedron @ axes, np.eye(3), atol=1e-15)
     for entries, gyros, words in (
@@ -79,4 +79,4 @@ def test_directions_of_gyros():
         ({"axes": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, 3, "do not measure all three"),
     ):
         with pytest.raises(InputError, match=words):
-            column_mapping.validate_mapping(BASE | entries, "x").directions(gyros)
+            column_mapping.validate_mapping(BASE | entries, "x").build_G(gyros)

@@ -96,7 +96,7 @@ def test_seconds_that_are_counted_up_late_or_early_are_moved(late, words, unit, 
     tags = np.floor(np.round(true - late, 9)) + np.round(true % 1, 9)
     clock = build_clock(pd.DataFrame({"t": np.round(scale * tags).astype("int64") if scale > 1 else tags}), unit)
     np.testing.assert_allclose(clock.subtract(0), true, atol=1e-6)
-    assert clock.said.startswith(words)
+    assert clock.note.startswith(words)
 
 
 def make_swings(amplitude, seed=0, n=3000):

@@ -103,4 +103,4 @@ def test_seconds_of_a_day_or_week_go_on_where_they_start_anew(range_s, unit, siz
     values = np.round(size * (true[rows] % range_s), 6)
     clock = tags(values.astype("int64") if unit == "100us" else values, unit)
     np.testing.assert_allclose(clock.subtract(0), true[rows], atol=1e-6)
-    assert f"at {range_s} s and go on" in clock.said
+    assert f"at {range_s} s and go on" in clock.note
