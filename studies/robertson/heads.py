@@ -176,7 +176,7 @@ def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row
 
 def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
     true = {setting.label() for setting in effects}
-    found = seen.found
+    found = seen.inference
     attribution = found.attribution
     named = {one.label for one in found.fitted}
     without = Search(seen.scaled_model).find_explanation(ORTHOGONAL)
