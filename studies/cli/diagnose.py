@@ -1,4 +1,4 @@
-"""The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
+"""The command ``gyrocal diagnose``: where a recording departs from the baseline simulator, and which effect explains it."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -88,12 +88,12 @@ def command(
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
     holds = {"gap": result.present, "unknown": result.verdict == "unknown"}
-    said = f"{result.verdict}, p = {result.p_value:.2g}"
-    end("diagnose", str(recording), [Verdict(name, said if holds[name] else "") for name in fail_on], junit)
+    answer = f"{result.verdict}, p = {result.p_value:.2g}"
+    end("diagnose", str(recording), [Verdict(name, answer if holds[name] else "") for name in fail_on], junit)
 
 
 def _select_library(without: Sequence[str]) -> list[str] | None:
-    """Effects that may be named; None for all."""
+    """List the effects that may be identified; None for all."""
     if not without:
         return None
     from simulator.effects.sensor import ALL_EFFECTS

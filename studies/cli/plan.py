@@ -77,27 +77,27 @@ def command(
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
-    with show_stages("plan") as tell:
-        found = plan(chosen, effects=effects or None, extras=extras, progress=tell, seed=seed)
-    write_result(found.to_json(), as_json, partial(build_plan_page, found), report)
+    with show_stages("plan") as progress:
+        result = plan(chosen, effects=effects or None, extras=extras, progress=progress, seed=seed)
+    write_result(result.to_json(), as_json, partial(build_plan_page, result), report)
 
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
-    """The extra maneuvers on file, each checked as a continuation of the scenario."""
+    """Read the extra maneuvers of files, each checked as a continuation of the scenario."""
     from diagnosis.plan.extras import append_intervals
 
-    out = {}
+    extras = {}
     for path in files:
         document = read_toml(path)
         sections = document.pop("interval", None)
         unknown = set(document) - {"title"}
         if unknown:
             raise InputError(f"{path}: {sorted(unknown)[0]} is not known; an extra maneuver has title and [[interval]]")
-        if not isinstance(sections, list) or not sections or not all(isinstance(one, dict) for one in sections):
+        if not isinstance(sections, list) or not sections or not all(isinstance(section, dict) for section in sections):
             raise InputError(f"{path}: no [[interval]] sections")
         try:
             append_intervals(chosen, sections)
         except InputError as error:
             raise InputError(f"{path}: {str(error).removeprefix('override: ')}") from None
-        out[str(document.get("title", path.stem))] = sections
-    return out
+        extras[str(document.get("title", path.stem))] = sections
+    return extras

@@ -1,4 +1,4 @@
-"""The figures of a diagnosis. Colours and markers tell things apart for every kind of colour vision."""
+"""The figures of a diagnosis. Colours and markers are distinct for every kind of colour vision."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows noth
 
 
 def select_largest_intervals(residuals: pd.DataFrame) -> list[str]:
-    """Names of intervals in their order; of too many, those with the largest residuals before."""
+    """Select at most `MOST_PANELS` intervals with the largest residuals under M0; their names in the recording's order."""
     weight = normalise_by_band(residuals).groupby(residuals["interval"], sort=False).max()
-    kept = set(weight.nlargest(MOST_PANELS).index)
-    return [str(name) for name in weight.index if name in kept]
+    selected = set(weight.nlargest(MOST_PANELS).index)
+    return [str(name) for name in weight.index if name in selected]
 
 
 def is_residual_changed(residuals: pd.DataFrame) -> bool:
-    """Whether after is another residual than before."""
+    """Check whether the causes change the residuals."""
     return any(not np.allclose(residuals[f"before_{a}"], residuals[f"after_{a}"], rtol=1e-6, atol=1e-12) for a in "xyz")
 
 
 def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
-    """Largest residual of a row over its band."""
+    """Compute the largest residual of each row over its band."""
     bands = residuals[[f"band_{a}" for a in "xyz"]].to_numpy()
     values = np.abs(residuals[[f"{when}_{a}" for a in "xyz"]].to_numpy())
     ratio = np.divide(values, bands, out=np.zeros_like(values), where=bands > 0)
@@ -54,29 +54,29 @@ def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Serie
 
 
 def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
-    """Residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
+    """Draw the residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
     names = select_largest_intervals(residuals)
-    drawn = []
+    panels_ = []
     for name in names:
         part = residuals[residuals["interval"] == name]
         minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
         for axis in "xyz":
-            band, before, after = (part[f"{what}_{axis}"].to_numpy() for what in ("band", "before", "after"))
-            look = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
+            band, before, after = (part[f"{column}_{axis}"].to_numpy() for column in ("band", "before", "after"))
+            style = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
             allowed = Line(minutes, 0 * band, "baseline, ±2 sigma", "0.6", "-", -2 * band, 2 * band)
-            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, look[0], size=3.2, hollow=True)]
+            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, style[0], size=3.2, hollow=True)]
             if is_residual_changed(residuals):
-                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, look[1], size=3.2))
+                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, style[1], size=3.2))
             title = f"{_shorten_name(name)}: {AXIS_TITLES[axis]}"
             y = "residual (deg)" if axis == "x" else ""
             x = SINCE_FIRST if name == names[-1] else ""
-            drawn.append(panels.make_curves(lines, title=title, x=x, y=y))
+            panels_.append(panels.make_curves(lines, title=title, x=x, y=y))
     size = (FIGURE_WIDTH_IN, 1.55 * len(names) + 0.9)
-    return panels.draw_panels(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
+    return panels.draw_panels(*panels_, size=size, columns=3, sharey="col", legend="outside upper center")
 
 
 def _shorten_name(name: object) -> str:
-    """A name that is text and no formula, and not too long."""
+    """Shorten a name and escape its signs of a formula."""
     return textwrap.shorten(str(name), MOST_LETTERS, placeholder="…").replace("$", r"\$") or str(name)[:MOST_LETTERS]
 
 
@@ -90,22 +90,22 @@ def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
     points = []
     for name, rows in part.groupby("axis"):
-        look = panels.AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
-        points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *look, size=3.2))
+        style = panels.AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
+        points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *style, size=3.2))
     limits = part["regressor_deg"].agg(["min", "max"])
     slope = Line(limits, limits, "slope 1: the size found", "black", "-")
-    place = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
-    shown = part[(part["interval"] == place["interval"]) & (part["axis"] == place["axis"])]
+    largest = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
+    shown = part[(part["interval"] == largest["interval"]) & (part["axis"] == largest["axis"])]
     minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
-    both = [
+    traces = [
         Line(minutes, shown["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
         Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
     ]
     x, y = "effect of the cause at the size found (deg)", "residual of the baseline (deg)"
-    left = panels.make_curves([*points, slope], x=x, y=y, legend="best")
-    title = f"where it is largest: {_shorten_name(place['interval'])}, axis {place['axis']}"
-    right = panels.make_curves(both, x=SINCE_FIRST, y="deg", title=title, legend="best")
-    return panels.draw_panels(left, right, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
+    against = panels.make_curves([*points, slope], x=x, y=y, legend="best")
+    title = f"where it is largest: {_shorten_name(largest['interval'])}, axis {largest['axis']}"
+    over_time = panels.make_curves(traces, x=SINCE_FIRST, y="deg", title=title, legend="best")
+    return panels.draw_panels(against, over_time, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
 
 
 # ---- gap budget ----------------------------------------------------------------------------------------------------------
@@ -124,17 +124,17 @@ def name_step(step: Step) -> str:
 def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
     """Draw the waterfall, and beside it the sizes of the causes by part of the recording."""
     causes = [step for step in budget if len(step.by_part) > 1]
-    rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
+    rows = max(len(budget), *(len(cause.by_part) + 1 for cause in causes), 4)
     waterfall = panels.Panel(partial(draw_steps, budget=budget), x="held-out whitened mean square")
     size = (BUDGET_WIDTH_IN, ROW_IN * rows + 1.2)
     return panels.draw_panels(waterfall, *map(_make_size_panel, causes), size=size, widths=[2.2, *[1.0] * len(causes)])
 
 
 def _make_size_panel(step: Step) -> panels.Panel:
-    """Sizes of one cause by part with 90 % bars, and its size over all parts as a band."""
-    sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
+    """Make the panel of one cause's sizes by part with 90 % bars, and its size over all parts as a band."""
+    sizes, sigmas = (np.array([getattr(part, name) for part in step.by_part]) for name in ("size", "sigma"))
     band = None if step.size is None or step.sigma is None else (step.size - step.sigma, step.size + step.sigma)
-    names = [one.part for one in step.by_part]
+    names = [part.part for part in step.by_part]
     return panels.make_forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
 
 
@@ -165,10 +165,10 @@ MOST_POINTS = 1500
 
 def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
     """Draw the residuals of α and β of a sun sensor over α and over β; titles are the legends of their columns."""
-    own = residuals[residuals["sensor"] == sensor]
+    of_sensor = residuals[residuals["sensor"] == sensor]
     drawn = []
     for angle in ("alpha", "beta"):
-        part = own[own["angle"] == angle]
+        part = of_sensor[of_sensor["angle"] == angle]
         part = part.iloc[:: max(1, len(part) // MOST_POINTS)]
         for over in ("alpha", "beta"):
             x = part[f"{over}_deg"]
