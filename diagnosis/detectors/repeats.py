@@ -204,7 +204,8 @@ def is_measured(rates: Array, repeated: Mask) -> bool:
     low, high = np.array(edges).T
     source, before, after = rates[low - 1], rates[low - 2], rates[high]
     share = 1.0 / (high - low + 2)[:, None]
-    departure = np.abs(source - ((1 - share) * before + share * after))
+    departure = np.abs(source - (before + share * (after - before)))
     noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
-    change = np.abs(after - before)
-    return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
+    # On a lattice coarser than the noise both terms may be zero; a value equal to its neighbours has no departure then.
+    limit = np.maximum(np.maximum(FAR * noise, np.abs(after - before)), 1e-300)
+    return bool(np.median((departure / limit).max(axis=1)) < 1)
