@@ -203,7 +203,7 @@ def build_answer(
         recording=inputs.recording,
         verdict=verdict,
         present=present,
-        p_value=float(min([explained.p_value, *(effect.symptom.p_value for effect in samples)])),
+        p_value=float(min([explained.p_value, *(sample.symptom.p_value for sample in samples)])),
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
         causes=causes,

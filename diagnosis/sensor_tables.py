@@ -160,9 +160,8 @@ def decide_sensor_verdict(
         return "unknown", attribution
     if attribution is None:
         return "unknown" if explained.noise.factor > 1 else "none", None
-    gyro_probability = sum(
-        explanation.probability for explanation in attribution.ranked if set(explanation.labels) <= {GYRO_RIVAL}
-    )
+    of_gyro = [explanation for explanation in attribution.ranked if set(explanation.labels) <= {GYRO_RIVAL}]
+    gyro_probability = sum(explanation.probability for explanation in of_gyro)
     if gyro_probability > settings.unknown and explained.noise.factor == 1:  # an error of the gyro, not of the sensors
         return "none", None
     return attribution.verdict, attribution

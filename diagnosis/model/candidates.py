@@ -121,21 +121,11 @@ def list_candidates(
         stops = stop + np.cumsum([part.shape[1] for part in group.columns], dtype=int)
         stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
-        largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = build_scales(*find_scale_range(largest, group.limits, visible)) if group.scales is None else group.scales
-        # The signal-to-noise ratio of a random process differs between its options, each of which has its own scales.
-        windows = []
-        if group.process and group.scales is None:
-            windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
-        if windows and scales.size:
-            scales = build_scales(
-                min(low for low, high in windows if low < high), max(high for low, high in windows if low < high)
-            )
+        scales, windows = _choose_scales(group, norms, visible)
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
-        windows = windows or [UNBOUNDED_SCALES] * len(norms)
         for end, norm, weight, parameters, window in zip(
             stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
         ):
@@ -150,6 +140,23 @@ def list_candidates(
             )
         )  # fmt: skip
     return tuple(candidates)
+
+
+def _choose_scales(
+    group: CandidateColumns, norms: Sequence[Array], visible: tuple[float, float]
+) -> tuple[Array, list[tuple[float, float]]]:
+    """Choose the scales of a group by the norms of its columns per option; also the range of scales that each option has."""
+    unbounded = [UNBOUNDED_SCALES] * len(norms)
+    if group.scales is not None:
+        return group.scales, unbounded
+    largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
+    scales = build_scales(*find_scale_range(largest, group.limits, visible))
+    if not (group.process and scales.size):
+        return scales, unbounded
+    # The signal-to-noise ratio of a random process differs between its options, each of which has its own scales.
+    windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
+    shown = [(low, high) for low, high in windows if low < high]
+    return build_scales(min(low for low, _ in shown), max(high for _, high in shown)), windows
 
 
 def assemble_linear_model(

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -43,6 +44,21 @@ FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few 
 SMALL = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
 NOISE = 0.05  # of the largest ζ, that the noise of the path may be
 WIDEST = 0.2  # of the references of an interval in an average
+
+
+class _IntervalArrays(NamedTuple):
+    """Arrays of an interval that are joined to those of a `RecordingModel` with the same names."""
+
+    t_s: Array
+    dt: Array
+    raw: Array
+    to_inertial: Array
+    at_reference: Array
+    zeta: Array
+    residuals: Array
+    off: Array
+    errors: Array
+    walk: Array
 
 
 def linearise_recording(
@@ -76,7 +92,7 @@ def linearise_recording(
     edges, first, last, arc = _choose_steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
-    columns: list[tuple[Array, ...]] = []
+    arrays: list[_IntervalArrays] = []
     rows = steps = 0
     for number, interval_edges in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
@@ -97,8 +113,8 @@ def linearise_recording(
         at = A_T[ends]
         observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
         theta = (observed * Rotation.from_matrix(at)).as_rotvec()
-        reference_errors = -np.einsum("mij,mj->mi", at, theta)
-        path, zeta = find_relinearised_path(reference_errors, sigmas[references]), reference_errors
+        off = -np.einsum("mij,mj->mi", at, theta)
+        path, zeta = find_relinearised_path(off, sigmas[references]), off
         if path is not None:
             zeta, turns = path
             at, middle = Rotation.from_rotvec(turns).as_matrix() @ at, interpolate_turns(turns, ends) @ middle
@@ -122,18 +138,12 @@ def linearise_recording(
         block = Block(
             interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
         )
-        columns.append(
-            (t_s, length, raw, middle, at, block.average_references(zeta).ravel(), zeta, reference_errors, errors, walk)
-        )
+        means = block.average_references(zeta).ravel()
+        arrays.append(_IntervalArrays(t_s, length, raw, middle, at, means, zeta, off, errors, walk))
         blocks.append(block)
         rows, steps = stop, steps + begin.size
-    t_s, dt, raw, to_inertial, at_reference, observations, residuals, reference_errors, errors, walks = (
-        np.concatenate(values) for values in zip(*columns, strict=True)
-    )
-    return RecordingModel(
-        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals,
-        reference_errors, errors, walks,
-    )  # fmt: skip
+    joined = _IntervalArrays(*(np.concatenate(values) for values in zip(*arrays, strict=True)))
+    return RecordingModel(recording, G, bias, rates=joined.raw @ G.T + bias, blocks=tuple(blocks), **joined._asdict())
 
 
 def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:

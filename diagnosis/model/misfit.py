@@ -150,9 +150,8 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     next_sample = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
     total = _accumulate_readings(model)
     rates = _average_readings(total, next_sample, np.minimum(next_sample + count, stop[:, None]), smooth)
-    before = _average_readings(
-        total, np.maximum(next_sample - count, first[:, None]), np.minimum(next_sample, stop[:, None]), smooth
-    )
+    low, high = np.maximum(next_sample - count, first[:, None]), np.minimum(next_sample, stop[:, None])
+    before = _average_readings(total, low, high, smooth)
     starts = np.diff(block, prepend=-1) != 0
     since, until = np.zeros_like(rates), np.zeros_like(rates)
     since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)

@@ -106,36 +106,36 @@ def evaluate_extra(
 ) -> Extra:
     """Evaluate the extended scenario: sizes, pairs distinguished, and effects gained over those found without it."""
     model_with_extra = linearise_noise_free(extended)
-    names = [name for name in EFFECTS if name in {entry.effect for entry in signatures}]
+    names = [name for name in EFFECTS if name in {signature.effect for signature in signatures}]
     # The same steps as without it: the extra intervals come after all of them.
     after = {signature.label: signature for signature in build_signatures(model_with_extra, names, step_times(model))}
-    before = {entry.label: entry for entry in visible}
+    before = {size.label: size for size in visible}
     ratio: dict[str, float] = {}
     bare = replace(model.surroundings, stream=replace(model.stream, housekeeping={}))
-    for entry in signatures:
-        # The simulated temperature of another span is another one.
-        if EFFECTS[entry.effect].missing(bare) is None and entry.share.max() > SETTINGS.gone:
-            quotients = entry.norms / np.maximum(after[entry.label].norms, 1e-300)
-            ratio[entry.label] = float(quotients[find_median_index(quotients, entry.weights)])
+    for signature in signatures:
+        # Effects of temperature do not compare: the simulated temperature of a longer span differs.
+        if EFFECTS[signature.effect].missing(bare) is None and signature.share.max() > SETTINGS.gone:
+            quotients = signature.norms / np.maximum(after[signature.label].norms, 1e-300)
+            ratio[signature.label] = float(quotients[find_median_index(quotients, signature.weights)])
     gained = [
-        entry.label
-        for entry in signatures
-        if not entry.process
-        and before[entry.label].verdict != "visible"
-        and after[entry.label].extremes[1] * EFFECTS[entry.effect].prior[1] >= SETTINGS.snr
-        and after[entry.label].share.max() > SETTINGS.gone
+        signature.label
+        for signature in signatures
+        if not signature.process
+        and before[signature.label].verdict != "visible"
+        and after[signature.label].extremes[1] * EFFECTS[signature.effect].prior[1] >= SETTINGS.snr
+        and after[signature.label].share.max() > SETTINGS.gone
     ]
     visible_with_extra = [
-        replace(entry, size=entry.size * ratio.get(entry.label, 1.0), best=entry.best * ratio.get(entry.label, 1.0))
-        for entry in visible
+        replace(size, size=size.size * ratio.get(size.label, 1.0), best=size.best * ratio.get(size.label, 1.0))
+        for size in visible
     ]
     pairs_after = {order_pair(pair.effect, pair.other) for pair in list_pairs(list(after.values()), visible_with_extra)}
-    pairs_before = {order_pair(entry.effect, entry.other) for entry in pairs}
+    pairs_before = {order_pair(pair.effect, pair.other) for pair in pairs}
     by_effect: dict[str, list[float]] = {}
     for label, value in ratio.items():
         if before[label].verdict == "visible":
             by_effect.setdefault(before[label].effect, []).append(value)
-    hours = sum(entry.stop_s - entry.start_s for entry in extended.interval[len(scenario.interval) :]) / 3600
+    hours = sum(interval.stop_s - interval.start_s for interval in extended.interval[len(scenario.interval) :]) / 3600
     median = float(np.median([np.median(values) for values in by_effect.values()])) if by_effect else 1.0
     shown = {label: value for label, value in ratio.items() if before[label].verdict == "visible" or label in gained}
     return Extra(name, hours, median, shown, tuple(sorted(pairs_before - pairs_after)), len(pairs_before), tuple(gained))

@@ -75,9 +75,9 @@ def plan(
         false_alarm_rate=settings.false_alarm_rate,
         threshold=power.threshold,
         degrees_of_freedom=model.degrees_of_freedom,
-        effects=tuple(sorted(visible, key=lambda signature: (order[signature.effect], signature.label))),
+        effects=tuple(sorted(visible, key=lambda size: (order[size.effect], size.label))),
         pairs=tuple(pairs),
-        extras=tuple(sorted(evaluated, key=lambda signature: (signature.ratio, -len(signature.resolved)))),
+        extras=tuple(sorted(evaluated, key=lambda extra: (extra.ratio, -len(extra.resolved)))),
         notes=_write_plan_notes(scenario, model),
         runtime_s=time.perf_counter() - began,
     )

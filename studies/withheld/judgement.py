@@ -121,9 +121,7 @@ def score_truth(drawn: DrawnCase, scores: Mapping[str, float]) -> float:
     if drawn.kind in ("none", "single", "pair"):
         is_random = [find_effect(setting.effect).is_process for setting in drawn.settings]
         labels = [setting.label() for setting in drawn.settings]
-        stated = [
-            label_by_character(label) if is_process else label for label, is_process in zip(labels, is_random, strict=True)
-        ]
+        stated = [label_by_character(label) if random else label for label, random in zip(labels, is_random, strict=True)]
         return scores.get(name_of(stated), MISSING)
     last = drawn.settings[-1]  # the effect outside the library is drawn last
     character = label_by_character(Setting(find_side(last.effect), last.axis, 0.0).label())
@@ -143,9 +141,6 @@ def measure_true_share(drawn: DrawnCase, details: Details) -> float:
             continue
         prediction = predict_held_out(model, details.fitted, details.unnamed)
         squares = prediction.squares.sum(axis=0)
-        closed, misfit, dof = (
-            closed + float(squares[0] - squares[-1]),
-            misfit + float(squares[0]),
-            dof + float(prediction.dof.sum()),
-        )
+        closed, misfit = closed + float(squares[0] - squares[-1]), misfit + float(squares[0])
+        dof += float(prediction.dof.sum())
     return closed / (misfit - FLOOR * dof) if dof and misfit > LEAST_MISFIT * FLOOR * dof else float("nan")

@@ -62,9 +62,8 @@ def collect_statements(rows: pd.DataFrame) -> pd.DataFrame:
         for case, kind, text in zip(rows["case"], rows["kind"], rows["statements"], strict=True)
         for statement in json.loads(text)
     ]
-    return pd.DataFrame(statements, columns=["case", "kind", "named", "p", "right"]).astype(
-        {"named": bool, "p": float, "right": bool}
-    )
+    table = pd.DataFrame(statements, columns=["case", "kind", "named", "p", "right"])
+    return table.astype({"named": bool, "p": float, "right": bool})
 
 
 def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:

@@ -92,9 +92,8 @@ def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | No
 
 def build_held_columns(fitted: FittedArc, amplitudes: Mapping[str, HeldAmplitudes]) -> Array:
     """Build the derivatives (r, p) of the errors of some effects by their amplitudes, in their order."""
-    return np.hstack(
-        [_differentiate_error(fitted, *find_sensor_effect(label), setting) for label, setting in amplitudes.items()]
-    )
+    parts = [_differentiate_error(fitted, *find_sensor_effect(label), setting) for label, setting in amplitudes.items()]
+    return np.hstack(parts)
 
 
 def compute_held_error(sightings: Sightings, amplitudes: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
@@ -116,10 +115,8 @@ def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
     terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * is_of_sensor  # (n, q)
     nothing = np.zeros_like(terms)
     earth = np.zeros((*sightings.used.shape, len(powers)))
-    alpha_columns, beta_columns = (
-        fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms])
-    )
-    return [alpha_columns, beta_columns, np.hstack([alpha_columns, beta_columns])]
+    alpha, beta = (fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms]))
+    return [alpha, beta, np.hstack([alpha, beta])]
 
 
 def compute_orbit_phase(sightings: Sightings) -> Array:
