@@ -1,4 +1,4 @@
-"""The pieces of an answer: where, by which cause, how far the gap closes."""
+"""Parts of an answer: findings, causes, the remainder, and how much of the misfit the causes close."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and 
 
 UNDECIDED = "undecided"  # side of a remainder, or of a random error
 MOST = 0.5  # share of the misfit beyond which a remainder is most of it
-SAME_S = 0.005  # two times that are stated as one
+SAME_S = 0.005  # difference of two times that are stated as one
 
 
 def label_by_character(label: str) -> str:
-    """Label of a random process with side and character in place of its name, and its axis."""
+    """Label a random process by side and character in place of its name, and by its axis."""
     effect, separator, axis = label.partition(":")
     sides = (("reference", "references"), ("time", "time tags"))
     side = next((side for word, side in sides if effect.startswith(word)), "gyro")
@@ -28,7 +28,7 @@ def label_by_character(label: str) -> str:
 
 
 def format_span(start_s: float, stop_s: float) -> str:
-    """Format two times in s, with as many decimals as tell them apart."""
+    """Format two times in s with as many decimals as distinguish them."""
     if stop_s - start_s < SAME_S:
         return f"{start_s:.3g} s"
     decimals = 0 if stop_s - start_s >= 10 else 1 if stop_s - start_s >= 1 else 2
@@ -59,10 +59,10 @@ class Cause:
     size, unit, sigma : how large
     parameters : its other numbers, such as phase_deg or time_s
     probability : that this effect (and axis) is at work
-    group : what could stand in its place, as effect:axis, itself included, the likeliest first
+    group : effects that fit in its place, as effect:axis, itself included, the likeliest first
     group_probability : that one of the group is at work, or a random error of its side and axis where no effect is named
     named : whether the effect is stated; else side, axis and character alone, whose probability it then is
-    levels : side, axis and character of what stands in its place; None of what the samples show by themselves
+    levels : side, axis and character of all candidates in its place; None for a cause that the samples show by themselves
     """
 
     effect: str
@@ -86,7 +86,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Amplitudes in which the named effects are linear, with G, b and the start attitudes estimated beside them."""
+    """Amplitudes in which the named effects are linear, estimated together with G, b and the start attitudes."""
 
     labels: tuple[str, ...] = ()  # (k,) effect:axis that each belongs to
     # (k,) in the effect's unit, as of `simulator.effects.base.Effect.amplitudes`
@@ -96,10 +96,10 @@ class Amplitudes:
 
 @dataclass(frozen=True)
 class Regressor:
-    """What a remainder follows."""
+    """A time series that the remainder correlates with."""
 
     name: str  # in words, with the axis
-    p_value: float  # bound by its evidence beside all else, all candidates counted
+    p_value: float  # bound by its evidence with all other members in the model, for all candidates
     share: float  # of the held-out misfit that it closes, beside the causes and the regressors before it
 
 
@@ -114,7 +114,7 @@ class RemainderSummary:
     time_tags_s: float  # standard deviation of the error of the time tags, s
     rate_share: float  # standard deviation of a rate error in proportion to the rate
     noise_factor: float  # white noise beside all members of the model, over the stated one
-    side: str  # which makes most of it, "gyro", "reference", "time tags" or "white noise"; or `UNDECIDED`
+    side: str  # source of most of it, "gyro", "reference", "time tags" or "white noise"; or `UNDECIDED`
     time_scale_s: float  # correlation time of that part; 0 for white noise
     regressors: tuple[Regressor, ...]  # what the remainder follows
 
@@ -130,7 +130,10 @@ class RemainderSummary:
             "noise_factor": self.noise_factor,
             "side": self.side,
             "time_scale_s": self.time_scale_s,
-            "regressors": [{"name": one.name, "p_value": one.p_value, "share": one.share} for one in self.regressors],
+            "regressors": [
+                {"name": regressor.name, "p_value": regressor.p_value, "share": regressor.share}
+                for regressor in self.regressors
+            ],
         }
 
 
@@ -140,8 +143,8 @@ class Closure:
 
     Attributes
     ----------
-    measure, split : what is compared and how the data were parted
-    before, after, floor : the measure under M0, with the causes in, and what M0 has on data of its own making
+    measure, split : statistic that is compared and how the data were split
+    before, after, floor : the statistic under M0, with the causes in the model, and of data simulated under M0
     closed : 1 − (after − floor)/(before − floor)
     interval_90 : its 90 % interval
     by_interval : columns interval, before, after, floor

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis from what its steps have found."""
+"""Assemble the answer of a diagnosis from the results of its steps."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def build_diagnosis(
     settings: DiagnosisSettings,
     runtime_s: float,
 ) -> Diagnosis:
-    """The whole answer."""
+    """Build the whole answer from a prepared recording, the causes in its samples and those in its attitude."""
     model = prepared.model
     gap = explained.p_value < settings.false_alarm_rate
     table = localization.compute_statistics(model)
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
-    seen = AnswerInputs(
+    inputs = AnswerInputs(
         recording=model.recording.title,
         where=_list_attitude_findings(explained, table, settings) if gap else (),
         p_values=collect_p_values(prepared, explained),
@@ -71,7 +71,7 @@ def build_diagnosis(
         blind=_explain_blindness(prepared, settings),
         unobserved=prepared.unobserved,
     )
-    return build_answer(seen, samples, explained, settings, runtime_s)
+    return build_answer(inputs, samples, explained, settings, runtime_s)
 
 
 def list_line_findings(lines: Sequence[Line]) -> tuple[Finding, ...]:
@@ -92,10 +92,10 @@ def _explain_blindness(prepared: PreparedRecording, settings: DiagnosisSettings)
 def explain_blindness(
     degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Array, plausible_G: float, settings: DiagnosisSettings
 ) -> str | None:
-    """Explain why a recording without a visible gap cannot show whether there is one; None if it can.
+    """Explain why a recording without a visible misfit cannot show whether there is one; None if it can.
 
-    A rotation of the axes is one that gyros of the grade have, or that and one of the references. The priors of its three
-    components are normal, that of the references by `OFFSET`.
+    The calibrated rotation of the axes is a misalignment that gyros of the grade have, or the sum of that and a rotation of the
+    references. The priors of the three components are normal, that of the references with the sigma `OFFSET`.
 
     Parameters
     ----------
@@ -108,23 +108,26 @@ def explain_blindness(
     if degrees_of_freedom <= 0:
         return "M0 has as many parameters as this recording has observations, so that no gap could be seen"
     U, _, V = np.linalg.svd(G @ np.linalg.inv(apriori_G))
-    turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
-    of_gyro = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
+    rotation = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
+    gyro_sigma = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
     prior = settings.another * settings.unlisted_share
-    wide = float(np.hypot(of_gyro, OFFSET))  # ratio of the densities of two normal variables of these sigmas
-    log_odds = np.log(prior / (1 - prior)) + np.sum(0.5 * turn**2 * (of_gyro**-2 - wide**-2) - np.log(wide / of_gyro))
+    joint_sigma = float(np.hypot(gyro_sigma, OFFSET))  # ratio of the densities of two normal variables of these sigmas
+    log_odds = np.log(prior / (1 - prior)) + np.sum(
+        0.5 * rotation**2 * (gyro_sigma**-2 - joint_sigma**-2) - np.log(joint_sigma / gyro_sigma)
+    )
     if log_odds < np.log(settings.unknown / (1 - settings.unknown)):
         return None
-    angle = float(np.linalg.norm(turn))
-    about = ", ".join(f"{value:.3g}" for value in np.rad2deg(turn))
+    angle = float(np.linalg.norm(rotation))
+    components_deg = ", ".join(f"{value:.3g}" for value in np.rad2deg(rotation))
     return (
-        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than any "
-        "plausible misalignment; a constant offset of the references does the same, and this recording cannot tell them apart"
+        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({components_deg} deg about x, y, z), more than "
+        "any plausible misalignment; a constant offset of the references does the same, and this recording cannot tell them "
+        "apart"
     )
 
 
 def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInference) -> Array | None:
-    """Sigmas (12,) of G and b with the causes in the model under the stated noise alone, where a remainder is estimated."""
+    """Compute the sigmas (12,) of G and b with the causes under the stated noise alone; None without a remainder."""
     if not (explained.unnamed and explained.fitted):
         return None
     return np.asarray(np.sqrt(np.diag(calibrate_with_effects(prepared.model, explained.fitted)[1])[:12]))
@@ -133,7 +136,7 @@ def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInfer
 def _list_attitude_findings(
     explained: AttitudeInference, table: pd.DataFrame, settings: DiagnosisSettings
 ) -> tuple[Finding, ...]:
-    """Parts of the recording, and statistics of all references, that depart; the strongest first."""
+    """List the intervals, and statistics of all references, that depart from M0; the strongest first."""
     findings = [
         *localization.list_findings(table),
         *list_findings(explained.baseline_checks, settings.misfit_share * settings.false_alarm_rate),
@@ -143,10 +146,10 @@ def _list_attitude_findings(
 
 @dataclass(frozen=True)
 class AnswerInputs:
-    """What an answer states beside causes and probabilities, named as in `Diagnosis`; `where` is that of the linear model.
+    """Fields of an answer beside causes and probabilities, named as in `Diagnosis`; `where` is that of the linear model.
 
-    `lines` are those in the samples, which are no gap by themselves: the body may move so. `blind` says why no gap could be
-    seen, where that is so.
+    `lines` are those in the samples, which are no misfit by themselves: the body may move so. `blind` says why the recording
+    cannot show a misfit, if it cannot.
     """
 
     recording: str
@@ -168,74 +171,75 @@ class AnswerInputs:
 
 
 def build_answer(
-    seen: AnswerInputs,
+    inputs: AnswerInputs,
     samples: Sequence[SampleCause],
     explained: AttitudeInference,
     settings: DiagnosisSettings,
     runtime_s: float,
 ) -> Diagnosis:
-    """The answer of what is seen and explained, whatever the linear model was built from."""
+    """Build the answer from its fields and the causes of the samples and the attitude; decide the verdict."""
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
-    where = [*(sample.finding for sample in samples), *seen.where, *seen.lines]
+    where = [*(sample.finding for sample in samples), *inputs.where, *inputs.lines]
     slots = () if attribution is None else attribution.slots
     named = [
-        (ALL_EFFECTS[item.effect], item.axis, slot.probability) for slot, item in zip(slots, explained.fitted, strict=False)
+        (ALL_EFFECTS[effect.effect], effect.axis, slot.probability)
+        for slot, effect in zip(slots, explained.fitted, strict=False)
     ]
     samples = weigh_consequences(samples, named, settings)
     causes = _merge_causes(samples, explained, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
-    symptoms = [one.summarise(settings) for one in samples]
-    unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(symptoms)))
-    of_attitude = (
+    symptoms = [sample.summarise(settings) for sample in samples]
+    unknown = 1 - (1 - unknown) * float(np.prod(posterior.compute_conditional_listed(symptoms)))
+    attitude_explanations = (
         posterior.list_attitude_explanations(attribution)
         if gap
         else posterior.list_explanations_without_gap(explained.unseen, bool(samples), settings)
     )
     present = gap or bool(samples)
     is_partial = attribution is not None and attribution.verdict == "partial"
-    verdict = decide_verdict(present, causes, unknown, settings, beside_remainder=is_partial, blind=bool(seen.blind))
+    verdict = decide_verdict(present, causes, unknown, settings, has_remainder=is_partial, blind=bool(inputs.blind))
     return Diagnosis(
-        recording=seen.recording,
+        recording=inputs.recording,
         verdict=verdict,
         present=present,
-        p_value=float(min([explained.p_value, *(item.symptom.p_value for item in samples)])),
+        p_value=float(min([explained.p_value, *(sample.symptom.p_value for sample in samples)])),
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
         causes=causes,
         alternatives=list_next_explanations(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
-        G=seen.G,
-        bias=seen.bias,
-        sigma_G=seen.sigma_G,
-        sigma_bias=seen.sigma_bias,
-        baseline_G=seen.baseline_G,
-        baseline_bias=seen.baseline_bias,
+        G=inputs.G,
+        bias=inputs.bias,
+        sigma_G=inputs.sigma_G,
+        sigma_bias=inputs.sigma_bias,
+        baseline_G=inputs.baseline_G,
+        baseline_bias=inputs.baseline_bias,
         notes=(
-            *filter(None, (seen.blind,)),
+            *filter(None, (inputs.blind,)),
             *notes.list_odd_symptoms(samples, settings),
             *notes.list_unit_mistakes(samples),
             *notes.list_likely_effects(explained, settings),
-            *seen.notes,
+            *inputs.notes,
         ),
         runtime_s=runtime_s,
-        details=seen.details,
-        p_values=seen.p_values,
-        posterior=posterior.combine_posteriors(symptoms, of_attitude),
-        amplitudes=seen.amplitudes,
+        details=inputs.details,
+        p_values=inputs.p_values,
+        posterior=posterior.combine_posteriors(symptoms, attitude_explanations),
+        amplitudes=inputs.amplitudes,
         budget=explained.budget,
         remainder=explained.remainder,
-        sigma_nominal=seen.sigma_nominal,
-        unobserved=seen.unobserved,
+        sigma_nominal=inputs.sigma_nominal,
+        unobserved=inputs.unobserved,
     )
 
 
 def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) -> Amplitudes:
-    """Joint posterior of the effects that have columns of their own.
+    """Compute the joint posterior of the amplitudes of all effects that have columns of their own.
 
-    The joint covariance holds nonlinear parameters and priors' scales at their best; where the mixture over them is wider, its
-    sigmas are taken with the correlations of the joint one.
+    The joint covariance has nonlinear parameters and priors' scales fixed at their best; where the mixture over them is wider,
+    its sigmas are used with the correlations of the joint one.
 
     Parameters
     ----------
@@ -245,7 +249,7 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
     labels: list[str] = []
     values: list[float] = []
     sigmas: list[float] = []
-    places: list[int] = []
+    rows: list[int] = []
     start = 12
     for effect in fitted:
         count = effect.columns.shape[1]
@@ -254,9 +258,9 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
             labels += [effect.label] * count
             values += effect.amplitudes.tolist()
             sigmas += effect.sigmas.tolist()
-            places += range(start, start + count)
+            rows += range(start, start + count)
         start += count
-    joint = covariance[np.ix_(places, places)]
+    joint = covariance[np.ix_(rows, rows)]
     wider = np.maximum(1.0, np.array(sigmas) / np.maximum(np.sqrt(np.diag(joint)), LEAST_POSITIVE))
     return Amplitudes(tuple(labels), np.array(values), joint * np.outer(wider, wider))
 
@@ -264,23 +268,23 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
 def _merge_causes(
     samples: Sequence[SampleCause], explained: AttitudeInference, settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
-    """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities.
+    """Merge the causes of the samples and of the attitude; a cause in both has the smaller sigma and both probabilities.
 
-    What the samples show is a finding and no cause where something unlisted makes it more likely.
+    A symptom of the samples is a finding and no cause where an unlisted effect is likelier to make it.
     """
-    shown = [sample.cause(settings) for sample in samples if sample.effect is not None]
-    shown = [cause for cause in shown if cause.group_probability >= settings.unknown]
-    of_attitude = list_attitude_causes(explained.attribution, explained.fitted, explained.candidates)
-    both = {cause.label: cause for cause in of_attitude if cause.label in {shown_cause.label for shown_cause in shown}}
-    shown = [_combine_cause(cause, both[cause.label]) if cause.label in both else cause for cause in shown]
-    others = [cause for cause in of_attitude if cause.label not in both]
+    sample_causes = [sample.cause(settings) for sample in samples if sample.effect is not None]
+    sample_causes = [cause for cause in sample_causes if cause.group_probability >= settings.unknown]
+    attitude_causes = list_attitude_causes(explained.attribution, explained.fitted, explained.candidates)
+    both = {cause.label: cause for cause in attitude_causes if cause.label in {sample.label for sample in sample_causes}}
+    sample_causes = [_combine_cause(cause, both[cause.label]) if cause.label in both else cause for cause in sample_causes]
+    others = [cause for cause in attitude_causes if cause.label not in both]
     # Beside a remainder, the causes that close most of the misfit come first.
-    first = explained.attribution is not None and explained.attribution.verdict == "partial"
-    return tuple([*others, *shown] if first else [*shown, *others])
+    attitude_first = explained.attribution is not None and explained.attribution.verdict == "partial"
+    return tuple([*others, *sample_causes] if attitude_first else [*sample_causes, *others])
 
 
 def _combine_cause(first: Cause, second: Cause) -> Cause:
-    """Join what two independent parts of the data say of one cause."""
+    """Combine the probabilities of one cause that two independent parts of the data show; the size is the more accurate one."""
     better = min(first, second, key=lambda cause: cause.sigma)
     p = posterior.combine_independent(first.probability, second.probability)
     group_p = posterior.combine_independent(first.group_probability, second.group_probability)
@@ -290,7 +294,7 @@ def _combine_cause(first: Cause, second: Cause) -> Cause:
 def list_attitude_causes(
     attribution: posterior.Attribution | None, fitted: Sequence[FittedEffect], candidates: tuple[Candidate, ...] = ()
 ) -> tuple[Cause, ...]:
-    """The causes that the data of a linear model show, with levels where its candidates are given."""
+    """List the causes that the data of a linear model show, with levels where its candidates are given."""
     if attribution is None:
         return ()
     levels = [compute_levels(slot.shares, candidates, ALL_EFFECTS) if candidates else None for slot in attribution.slots]
@@ -304,19 +308,19 @@ def list_attitude_causes(
 
 
 def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) -> dict[str, float]:
-    """P-values of all tests: of the attitude, and of the samples by statistic and axis."""
-    out = {"attitude": explained.p_value}
+    """Collect the p-values of all tests: of the attitude, and of the samples by statistic and axis."""
+    p_values = {"attitude": explained.p_value}
     for test in prepared.samples.tests:
         name = test.statistic if test.axis is None else f"{test.statistic}:{test.axis}"
-        out[name] = float(test.p_value)
+        p_values[name] = float(test.p_value)
     if prepared.reference_noise is not None:
-        out["reference_noise"] = float(prepared.reference_noise.p_value)
-    out.update({f"misfit: {check.name}": check.p_value for check in explained.baseline_checks})
-    return out
+        p_values["reference_noise"] = float(prepared.reference_noise.p_value)
+    p_values.update({f"misfit: {check.name}": check.p_value for check in explained.baseline_checks})
+    return p_values
 
 
 def list_next_explanations(attribution: posterior.Attribution | None) -> Explanations:
-    """The next best explanations with their probabilities."""
+    """List the next best explanations with their probabilities."""
     if attribution is None:
         return ()
     best = tuple(slot.label for slot in attribution.slots)

@@ -1,4 +1,4 @@
-"""The gap budget: how far each cause closes the misfit on held-out data, and what is left.
+"""The gap budget: how far each cause closes the misfit on held-out data, and the remainder.
 
 A part of every interval is held out in turn (`diagnosis.model.folds`). The parameters of M0 and the amplitudes of the causes
 come from the rest, with the remainder beside them. The errors of the prediction of the held-out part are whitened by their
@@ -20,7 +20,7 @@ import scipy.special
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.model.calibration import calibrate_beside
+from diagnosis.model.calibration import calibrate_with_columns
 from diagnosis.model.folds import PARTS, RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import PartSize, estimate_by_part
@@ -64,7 +64,7 @@ class Step:
 
 @dataclass(frozen=True)
 class MisfitSize:
-    """What a misfit does to an attitude that is held out and predicted from the rest."""
+    """Error that a misfit adds to an attitude that is held out and predicted from the rest."""
 
     added_deg: float  # RMS beside the stated noise
     stated_deg: float  # RMS under the stated noise
@@ -123,21 +123,23 @@ class HeldOut:
         if cluster.max() + 1 < FEWEST_CLUSTERS:
             cluster = np.arange(len(self.dof))
         count = int(cluster.max()) + 1
-        whole, gained = (
+        misfits, closed_misfits = (
             np.bincount(cluster, values, count)
             for values in (self.squares[:, 0] - FLOOR * self.dof, self.squares[:, before] - self.squares[:, after])
         )
         picks = rng.integers(0, count, (DRAWS, count))
-        total = max(float(whole.sum()), LEAST_TOTAL_MISFIT)
-        drawn = whole[picks].sum(axis=1)
-        shares = gained[picks].sum(axis=1) / np.where(np.abs(drawn) > LEAST_TOTAL_MISFIT, drawn, LEAST_TOTAL_MISFIT)
+        total = max(float(misfits.sum()), LEAST_TOTAL_MISFIT)
+        drawn_misfits = misfits[picks].sum(axis=1)
+        shares = closed_misfits[picks].sum(axis=1) / np.where(
+            np.abs(drawn_misfits) > LEAST_TOTAL_MISFIT, drawn_misfits, LEAST_TOTAL_MISFIT
+        )
         tail = (
             float(scipy.special.ndtr(scipy.special.stdtrit(count - 1, 0.05) * np.sqrt(count / (count - 1))))
             if count > 1
             else 0.0
         )
-        low, high = np.quantile(shares[drawn > 0], [tail, 1 - tail]) if (drawn > 0).any() else (-np.inf, np.inf)
-        return float(gained.sum()) / total, (float(low), float(high))
+        low, high = np.quantile(shares[drawn_misfits > 0], [tail, 1 - tail]) if (drawn_misfits > 0).any() else (-np.inf, np.inf)
+        return float(closed_misfits.sum()) / total, (float(low), float(high))
 
 
 def predict_held_out(
@@ -152,42 +154,49 @@ def predict_held_out(
     ----------
     model : the recording
     effects : in the order of the budget
-    unnamed : members of the remainder, which are in the model of what is learnt from and predict nothing
-    sets : places of the effects that are in at each step instead
+    unnamed : members of the remainder, which are in the model of the training data and predict nothing
+    sets : places of the effects that are in the model at each step instead
     """
     sets = [range(count) for count in range(len(effects) + 1)] if sets is None else sets
-    none = np.zeros((model.size, 0))
-    W = np.hstack([none, *(fitted.columns * fitted.prior_sigma for fitted in effects)])
-    rest = np.hstack([none, *(fitted.columns * fitted.prior_sigma for fitted in unnamed)])
+    no_columns = np.zeros((model.size, 0))
+    W = np.hstack([no_columns, *(fitted.columns * fitted.prior_sigma for fitted in effects)])
+    remainder = np.hstack([no_columns, *(fitted.columns * fitted.prior_sigma for fitted in unnamed)])
     shifts = np.column_stack(
-        [none, *(fitted.shift for fitted in effects), sum((fitted.shift for fitted in unnamed), np.zeros(model.size))]
+        [no_columns, *(fitted.shift for fitted in effects), sum((fitted.shift for fitted in unnamed), np.zeros(model.size))]
     )
     owner = np.repeat(np.arange(len(effects)), [effect.columns.shape[1] for effect in effects])
-    return collect_held_out(model, _predict_parts(model, W, rest, shifts, [np.isin(owner, chosen) for chosen in sets], sets))
+    return collect_held_out(
+        model, _predict_parts(model, W, remainder, shifts, [np.isin(owner, chosen) for chosen in sets], sets)
+    )
 
 
 def _predict_parts(
-    model: RecordingModel, W: Array, rest: Array, shifts: Array, columns_in: Sequence[Mask], shifts_in: Sequence[Sequence[int]]
+    model: RecordingModel,
+    W: Array,
+    remainder: Array,
+    shifts: Array,
+    columns_in: Sequence[Mask],
+    shifts_in: Sequence[Sequence[int]],
 ) -> Iterator[tuple[Mask, Array, Array]]:
     """Predict each part from columns of the effects, of the remainder, and shifts, one for each effect and one for the rest.
 
-    At each step some of the columns and shifts of the effects are in.
+    At each step the chosen columns and shifts of the effects are in the model.
     """
-    places = np.cumsum([0, W.shape[1], rest.shape[1], shifts.shape[1]])
-    columns = np.hstack([W, rest, shifts])
+    places = np.cumsum([0, W.shape[1], remainder.shape[1], shifts.shape[1]])
+    columns = np.hstack([W, remainder, shifts])
     for out in list_parts(model):
-        known = condition_rows(model, columns, out)
-        always = np.arange(places[1], places[2])
+        fold = condition_rows(model, columns, out)
+        remainder_places = np.arange(places[1], places[2])
         errors = []
         for columns_of_step, shifts_of_step in zip(columns_in, shifts_in, strict=True):
             chosen = np.flatnonzero(columns_of_step)
-            held = places[2] + np.array(shifts_of_step, dtype=int)
-            A = known.train_X[:, np.append(chosen, always)]
-            y = known.train_y - known.train_X[:, np.append(held, places[3] - 1)].sum(axis=1)
+            chosen_shifts = places[2] + np.array(shifts_of_step, dtype=int)
+            A = fold.train_X[:, np.append(chosen, remainder_places)]
+            y = fold.train_y - fold.train_X[:, np.append(chosen_shifts, places[3] - 1)].sum(axis=1)
             a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: chosen.size]
-            errors.append(known.error_y - known.error_X[:, chosen] @ a - known.error_X[:, held].sum(axis=1))
+            errors.append(fold.error_y - fold.error_X[:, chosen] @ a - fold.error_X[:, chosen_shifts].sum(axis=1))
         e = np.column_stack(errors)
-        yield out, e, whiten_prediction(known, e)
+        yield out, e, whiten_prediction(fold, e)
 
 
 def list_parts(model: RecordingModel) -> Iterator[Mask]:
@@ -217,28 +226,28 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
 
 
 def is_surely_closing(model: RecordingModel, effects: Sequence[FittedEffect], unnamed: Sequence[FittedEffect], k: int) -> bool:
-    """Tell whether the 90 % interval of what the k-th effect closes beside all others is above zero."""
+    """Check whether the 90 % interval of the share that the k-th effect closes beside all others is above zero."""
     others = [place for place in range(len(effects)) if place != k]
-    held = predict_held_out(model, effects, unnamed, [(), others, range(len(effects))])
-    return held.closed(1, 2)[1][0] > 0
+    prediction = predict_held_out(model, effects, unnamed, [(), others, range(len(effects))])
+    return prediction.closed(1, 2)[1][0] > 0
 
 
-def summarise_closure(held: HeldOut) -> Closure:
+def summarise_closure(prediction: HeldOut) -> Closure:
     """Summarise how far all causes together close the misfit."""
-    last = held.squares.shape[1] - 1
-    closed, interval = held.closed(0, last)
-    names = list(dict.fromkeys(held.interval))
-    rows = [(name, np.array([interval_name == name for interval_name in held.interval])) for name in names]
+    last = prediction.squares.shape[1] - 1
+    closed, interval = prediction.closed(0, last)
+    names = list(dict.fromkeys(prediction.interval))
+    rows = [(name, np.array([interval_name == name for interval_name in prediction.interval])) for name in names]
     table = pd.DataFrame(
         {
             "interval": names,
-            "before": [held.squares[mine, 0].sum() / held.dof[mine].sum() for _, mine in rows],
-            "after": [held.squares[mine, last].sum() / held.dof[mine].sum() for _, mine in rows],
+            "before": [prediction.squares[mine, 0].sum() / prediction.dof[mine].sum() for _, mine in rows],
+            "after": [prediction.squares[mine, last].sum() / prediction.dof[mine].sum() for _, mine in rows],
             "floor": [FLOOR] * len(names),
-            "dof": [held.dof[mine].sum() for _, mine in rows],
+            "dof": [prediction.dof[mine].sum() for _, mine in rows],
         }
     )
-    before, after = float(held.misfit[0]), float(held.misfit[last])
+    before, after = float(prediction.misfit[0]), float(prediction.misfit[last])
     return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, FLOOR, closed, interval, table)
 
 
@@ -255,28 +264,28 @@ def measure_causes(
     model, effects, unnamed : as for `predict_held_out`
     probabilities : of each effect
     """
-    held = predict_held_out(model, effects, unnamed)
-    misfit, degrees = held.misfit, held.misfit_deg
-    rest = [(fitted.columns, fitted.prior_sigma) for fitted in unnamed]
+    prediction = predict_held_out(model, effects, unnamed)
+    misfit, degrees = prediction.misfit, prediction.misfit_deg
+    remainder = [(fitted.columns, fitted.prior_sigma) for fitted in unnamed]
     changes = [
-        calibrate_beside(model, [*rest, *((effect.columns, effect.prior_sigma) for effect in effects[:count])])[0]
+        calibrate_with_columns(model, [*remainder, *((effect.columns, effect.prior_sigma) for effect in effects[:count])])[0]
         for count in range(len(effects) + 1)
     ]
     steps = [Step("baseline", float(misfit[0]), float(degrees[0]))]
     for k, (fitted, probability) in enumerate(zip(effects, probabilities, strict=True)):
-        parts_of = estimate_by_part(model, effects, unnamed, k)
-        closed, interval = held.closed(k, k + 1)
+        sizes = estimate_by_part(model, effects, unnamed, k)
+        closed, interval = prediction.closed(k, k + 1)
         delta = changes[k + 1] - changes[k]
         steps.append(
             Step(
-                fitted.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, parts_of.mean,
-                max(parts_of.sigma, fitted.sigma), fitted.unit, parts_of.parts, parts_of.heterogeneity_p, parts_of.spread,
-                parts_of.ramp, delta[:9].reshape(3, 3), np.rad2deg(delta[9:]),
+                fitted.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, sizes.mean,
+                max(sizes.sigma, fitted.sigma), fitted.unit, sizes.parts, sizes.heterogeneity_p, sizes.spread, sizes.ramp,
+                delta[:9].reshape(3, 3), np.rad2deg(delta[9:]),
             )
         )  # fmt: skip
-    unexplained = 1.0 - held.closed(0, len(effects))[0]
-    low, high = held.closed(0, len(effects))[1]
+    unexplained = 1.0 - prediction.closed(0, len(effects))[0]
+    low, high = prediction.closed(0, len(effects))[1]
     steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), unexplained, (1 - high, 1 - low)))
     expected = float(degrees[-1] / np.sqrt(max(misfit[-1], FLOOR)))
     steps.append(Step("floor", FLOOR, expected))
-    return held, tuple(steps)
+    return prediction, tuple(steps)

@@ -1,4 +1,4 @@
-"""The tables that an answer's figures are drawn from."""
+"""Tables for an answer's figures: residuals of the references, and what each cause explains of them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ AXES = "xyz"
 
 
 def build_details(prepared: PreparedRecording, explained: AttitudeInference, table: pd.DataFrame) -> Details:
-    """Build the tables of an answer's figures."""
+    """Build the tables of an answer's figures; `table` holds the statistics of the residuals by interval, axis and phase."""
     model, fitted = prepared.model, explained.fitted
-    contribution = sum((model.project_out_nuisance(one.contribution) for one in fitted), np.zeros(model.size))
+    contribution = sum((model.project_out_nuisance(cause.contribution) for cause in fitted), np.zeros(model.size))
     before, band = localization.compute_body_residuals(model, model.y)
     after, _ = localization.compute_body_residuals(model, model.y - contribution)
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
@@ -30,20 +30,20 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
         for k, axis in enumerate(AXES):
             residuals[f"{label}_{axis}"] = np.rad2deg(values[:, k])
     regressors = []
-    for one in fitted:
-        own = model.project_out_nuisance(one.contribution)
-        effect, _ = localization.compute_body_residuals(model, own)
-        left, _ = localization.compute_body_residuals(model, model.y - (contribution - own))
+    for cause in fitted:
+        removed = model.project_out_nuisance(cause.contribution)
+        effect, _ = localization.compute_body_residuals(model, removed)
+        remaining, _ = localization.compute_body_residuals(model, model.y - (contribution - removed))
         for k, axis in enumerate(AXES):
             regressors.append(
                 pd.DataFrame(
                     {
-                        "cause": one.label,
+                        "cause": cause.label,
                         "interval": interval,
                         "axis": axis,
                         "t_s": model.observation_t_s,
                         "regressor_deg": np.rad2deg(effect[:, k]),
-                        "residual_deg": np.rad2deg(left[:, k]),
+                        "residual_deg": np.rad2deg(remaining[:, k]),
                     }
                 )
             )
@@ -53,5 +53,5 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
         statistics=table,
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
         fitted=explained.fitted,
-        beside=explained.unnamed,
+        unnamed=explained.unnamed,
     )

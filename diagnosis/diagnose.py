@@ -42,9 +42,9 @@ def diagnose(
     exclude: Sequence[tuple[float, float]] = (),
     settings: DiagnosisSettings = DEFAULT,
 ) -> Diagnosis:
-    """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
+    """Diagnose whether a recording departs from M0, where, by which cause, and how much of the misfit that cause removes.
 
-    An `InputError` if the recording cannot be used, or the library names an effect there is not.
+    Raises an `InputError` if the recording cannot be used, or the library names an unknown effect.
 
     Parameters
     ----------
@@ -55,52 +55,54 @@ def diagnose(
     exclude : stretches to leave out, each from and to a time in s since the first gyro sample
     settings : thresholds and priors
     """
-    tell = progress or (lambda text, share: None)
+    report_progress = progress or (lambda text, share: None)
     began = time.perf_counter()
     # The matrices are small: threads of the linear algebra would wait for one another more than they work.
     with threadpool_limits(1, user_api="blas"):
         effects = list_nameable_effects(library)
-        tell("gyro samples", 0.0)
+        report_progress("gyro samples", 0.0)
         mask = find_mask(recording, exclude)
         usable = mask.apply(recording)
-        prepared = prepare(usable, settings, tell)
-        prepared, explained = explain_prepared(prepared, effects, settings, seed, tell)
+        prepared = prepare(usable, settings, report_progress)
+        prepared, explained = explain_prepared(prepared, effects, settings, seed, report_progress)
         samples = (*list_sample_causes(prepared, effects, settings), *list_clipped_gyros(mask, effects))
-        found = build_diagnosis(prepared, samples, explained, settings, time.perf_counter() - began)
+        diagnosis = build_diagnosis(prepared, samples, explained, settings, time.perf_counter() - began)
         masked = tuple(mask.describe(recording))
-        sigma = np.concatenate([found.sigma_G.ravel(), found.sigma_bias])
-        invisible = find_invisible_effects(usable, found.G, found.bias, sigma)
-        found = replace(found, invisible=invisible, mask=mask, masked=masked, masked_share=mask.compute_share(recording))
-        found = doubt_sides(found, len(recording.intervals))
-        return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
+        sigma = np.concatenate([diagnosis.sigma_G.ravel(), diagnosis.sigma_bias])
+        invisible = find_invisible_effects(usable, diagnosis.G, diagnosis.bias, sigma)
+        share = mask.compute_share(recording)
+        diagnosis = replace(diagnosis, invisible=invisible, mask=mask, masked=masked, masked_share=share)
+        diagnosis = doubt_sides(diagnosis, len(recording.intervals))
+        return diagnosis if recording.sensors is None else add_sensor_findings(diagnosis, recording, library, settings, seed)
 
 
-def doubt_sides(found: Diagnosis, intervals: int) -> Diagnosis:
-    """Leave undecided whether the gyro makes a random error where references jump as often as a recording has intervals.
+def doubt_sides(diagnosis: Diagnosis, intervals: int) -> Diagnosis:
+    """Set the side of random errors from gyro to undecided where references jump at least once for each interval.
 
-    References that jump by more than the misfit also drift by as much between the jumps, and a random walk of theirs is the
-    same model as a random error of the rates that is short against an interval.
+    References that jump by more than the misfit also drift by as much between the jumps, and their random walk is the same
+    model as a random error of the rates that is short against an interval.
     """
-    size = found.misfit_size
-    jumps = [one for one in found.mask.stretches if one.what == "reference jump" and size and one.size >= size.added_deg]
+    size = diagnosis.misfit_size
+    jumps = [stretch for stretch in diagnosis.mask.stretches if stretch.what == "reference jump"]
+    jumps = [stretch for stretch in jumps if size and stretch.size >= size.added_deg]
     if len(jumps) < max(intervals, 1):
-        return found
+        return diagnosis
     causes = tuple(
-        one
-        if one.named or one.levels is None or one.levels.side.name != "gyro"
-        else replace(one, levels=one.levels._replace(side=Level(UNDECIDED, one.levels.side.probability)))
-        for one in found.causes
+        cause
+        if cause.named or cause.levels is None or cause.levels.side.name != "gyro"
+        else replace(cause, levels=cause.levels._replace(side=Level(UNDECIDED, cause.levels.side.probability)))
+        for cause in diagnosis.causes
     )
-    left = found.remainder
-    left = replace(left, side=UNDECIDED) if left is not None and left.side == "gyro" else left
-    return replace(found, causes=causes, remainder=left)
+    remainder = diagnosis.remainder
+    remainder = replace(remainder, side=UNDECIDED) if remainder is not None and remainder.side == "gyro" else remainder
+    return replace(diagnosis, causes=causes, remainder=remainder)
 
 
 def list_clipped_gyros(mask: DataMask, effects: Sequence[Effect]) -> Iterator[SampleCause]:
-    """List the gyros that the mask has found clipped as causes that the samples show by themselves."""
+    """List the gyros that the mask found clipped as causes that the samples show by themselves."""
     name = next((effect.name for effect in effects if effect.symptom == "plateau"), None)
     for axis in "xyz":
-        levels = np.abs([one.size for one in mask.stretches if one.what == "clipped" and one.axis == axis])
+        levels = np.abs([stretch.size for stretch in mask.stretches if stretch.what == "clipped" and stretch.axis == axis])
         if levels.size:
             size, sigma = float(np.median(levels)), float(max(np.std(levels), LEVEL_SIGMA * np.median(levels)))
             text = f"{levels.size} stretches of samples read the largest rate, {size:.4g} deg/s"
@@ -110,7 +112,7 @@ def list_clipped_gyros(mask: DataMask, effects: Sequence[Effect]) -> Iterator[Sa
 
 
 def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:
-    """The effects that may be named."""
+    """List the effects that may be identified; `InputError` for an unknown name."""
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
         raise InputError(f"no such effect: {', '.join(sorted(unknown))}; there are {', '.join(ALL_EFFECTS)}")
@@ -118,7 +120,7 @@ def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:
 
 
 def add_sensor_findings(
-    found: Diagnosis, recording: Recording, library: Sequence[str] | None, settings: DiagnosisSettings, seed: int
+    diagnosis: Diagnosis, recording: Recording, library: Sequence[str] | None, settings: DiagnosisSettings, seed: int
 ) -> Diagnosis:
     """Add what the raw sensor tables show to an answer; parameters as of `diagnose`."""
     began = time.perf_counter()
@@ -126,20 +128,20 @@ def add_sensor_findings(
     try:
         sensors = diagnose_sensors(recording, effects, settings, seed)
     except InputError as error:
-        return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
-    return replace(merge_answers(found, sensors, settings), runtime_s=found.runtime_s + time.perf_counter() - began)
+        return replace(diagnosis, notes=(*diagnosis.notes, f"The raw sensor tables were not looked at: {error}"))
+    return replace(merge_answers(diagnosis, sensors, settings), runtime_s=diagnosis.runtime_s + time.perf_counter() - began)
 
 
 def merge_answers(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSettings) -> Diagnosis:
-    """The result of both: a gap where either has one, the causes of both, and the verdict of all of it.
+    """Merge both answers: a misfit where either has one, the causes of both, and the verdict on all causes.
 
-    Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
+    Alternatives and closure are those of the gyro and the references if they show a misfit, else those of the sensors.
     """
     present, causes = attitude.present or sensors.present, (*attitude.causes, *sensors.causes)
     unknown = combine_independent(attitude.unknown_probability, sensors.unknown_probability)
     verdict = decide_verdict(
         present, causes, unknown, settings,
-        beside_remainder=attitude.verdict == "partial", blind="not identifiable" in (attitude.verdict, sensors.verdict),
+        has_remainder=attitude.verdict == "partial", blind="not identifiable" in (attitude.verdict, sensors.verdict),
     )  # fmt: skip
     leading = sensors if sensors.present and not attitude.present else attitude
     return replace(

@@ -1,4 +1,4 @@
-"""What the attitude shows: a gap or none, and in one search the causes, their sizes and the remainder beside them."""
+"""Explain the attitude: test for a misfit, and infer in one search its causes, their sizes and the remainder."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from diagnosis.answer import MOST, Closure, RemainderSummary, label_by_character
 from diagnosis.budget import Step, is_surely_closing, measure_causes, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.criticism import Check, combine_checks
-from diagnosis.inference.joint_search import Inferred, infer_set
+from diagnosis.inference.joint_search import InferredSet, infer_set
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
-from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects
+from diagnosis.model.calibration import calibrate_with_effects, calibrate_with_remainder
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import Candidate, LinearModel
 from diagnosis.model.misfit import check_baseline
@@ -24,29 +24,29 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.posterior import Attribution, CredibleGroup, RankedExplanation, build_unknown_attribution, rank_weak_effects
 from diagnosis.remainder import summarise_remainder
 from diagnosis.settings import DiagnosisSettings
-from diagnosis.verdict import attribute
+from diagnosis.verdict import decide_attitude_verdict
 from gyrocal.arrays import Array
 from simulator.effects.base import Effect
 
 
 @dataclass(frozen=True)
 class AttitudeInference:
-    """What the data of a linear model say.
+    """Causes and remainder inferred from the data of a linear model.
 
     Attributes
     ----------
-    candidates : what the linear model tried
-    p_value : that M0 alone departs so far
-    attribution : None without a gap
+    candidates : those of the linear model
+    p_value : under M0 alone
+    attribution : None without a misfit
     fitted : amplitudes of the causes, in the order of the attribution's slots
     unnamed : amplitudes of the members of the model that are no stated cause
-    closed : how far the gap closes on held-out data; None without a cause
+    closed : reduction of the misfit on held-out data; None without a cause
     change, covariance : of the calibration with causes and remainder in the model, (12,), and of it and all amplitudes
     baseline_checks : checks of the innovations of all references under M0, before any averaging
     p_bounds : by the label of each member, the bound on the p-value of its evidence beside the others, all candidates counted
-    unseen : without a gap, the probability of M0 and of what is too weak to be told
-    budget : steps of the gap budget on held-out data; none without a gap
-    remainder : what no cause explains; None where nothing is left
+    unseen : without a misfit, the probabilities of M0 and of effects too weak to identify
+    budget : steps of the gap budget on held-out data; none without a misfit
+    remainder : the part of the misfit that no cause explains; None without one
     """
 
     candidates: tuple[Candidate, ...]
@@ -67,15 +67,16 @@ class AttitudeInference:
 def explain_prepared(
     prepared: PreparedRecording, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, report: Progress
 ) -> tuple[PreparedRecording, AttitudeInference]:
-    """Explain what the attitude shows of a prepared recording, which may be judged anew; parameters as of `diagnose`.
+    """Explain the attitude of a prepared recording, whose noise may be classified again; parameters as of `diagnose`.
 
-    The references' noise was judged with all effects in the residuals, and is judged anew without those that are found.
+    The references' noise was classified with all effects in the residuals, and is classified again without the fitted ones.
     """
     explained = explain(prepared, effects, settings, seed, report)
-    once_more = partial(_report_repetition, report)
-    at_work = select_known_effects(explained.fitted, {effect.name: effect for effect in effects})
-    again = reclassify_without_effects(prepared, at_work, settings)
-    return (prepared, explained) if again is None else (again, explain(again, effects, settings, seed, once_more))
+    known_effects = select_known_effects(explained.fitted, {effect.name: effect for effect in effects})
+    reclassified = reclassify_without_effects(prepared, known_effects, settings)
+    if reclassified is None:
+        return prepared, explained
+    return reclassified, explain(reclassified, effects, settings, seed, partial(_report_repetition, report))
 
 
 def _report_repetition(report: Progress, text: str, share: float) -> None:
@@ -91,20 +92,20 @@ def explain(
     report("candidates", 0.1)
     baseline_checks = check_baseline(model) if prepared.is_white else ()
     report_count = count_progress(report, "candidates", 0.1, 0.3, 100)
-    # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
-    of_all = combine_checks(baseline_checks) if baseline_checks else None
+    # The linear model gets no name here: its columns, hundreds of megabytes for a long recording, are freed before the end.
+    checks_p = combine_checks(baseline_checks) if baseline_checks else None
     explained, _ = infer_causes(
-        build_linear_model(model, effects, settings, report_count=report_count), settings, seed, report, misfit_p=of_all
+        build_linear_model(model, effects, settings, report_count=report_count), settings, seed, report, misfit_p=checks_p
     )
     report("held-out data", 0.7)
     return replace(measure_explained(model, explained, settings), baseline_checks=baseline_checks)
 
 
 def measure_explained(model: RecordingModel, explained: AttitudeInference, settings: DiagnosisSettings) -> AttitudeInference:
-    """Measure on held-out data what the causes of a recording close, and the calibration with them in the model.
+    """Measure on held-out data how much of the misfit the causes close, and calibrate with them in the model.
 
-    A cause that closes less than nothing is not stated; what it describes is not explained. The same holds beside a remainder
-    of more than half of the misfit, unless the 90 % interval of what the cause closes beside all others is above zero.
+    A cause that closes less than nothing is not stated, and its part of the misfit counts as unexplained. With a remainder of
+    more than half of the misfit, a cause is also not stated unless the 90 % interval of what it closes is above zero.
     """
     attribution, fitted, unnamed = explained.attribution, list(explained.fitted), list(explained.unnamed)
     if attribution is None:
@@ -115,7 +116,7 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
     order = sorted(range(len(fitted)), key=lambda k: (not slots[k].named, -powers[k]))
     fitted, slots = [fitted[k] for k in order], [slots[k] for k in order]
     while True:
-        held, budget = measure_causes(model, fitted, unnamed, [slot.group_probability for slot in slots])
+        prediction, budget = measure_causes(model, fitted, unnamed, [slot.group_probability for slot in slots])
         unexplained = len(budget) > 1 and (budget[-2].closed or 0.0) > MOST
         doubtful = sorted(
             (step.closed, k)
@@ -130,18 +131,19 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
             break
         dropped = fitted.pop(worst)
         slots.pop(worst)
-        # A shape that is not stated would take the size of another of its kind, such as a slip's from a delay.
+        # A shape that is not stated would absorb the size of a similar one, such as a slip that of a delay.
         unnamed += [dropped] if dropped.process else []
-        attribution = replace(attribution, unknown=1.0)  # what it describes has no name
+        attribution = replace(attribution, unknown=1.0)  # its part of the misfit has no cause then
     sizes = [(float(step.size or 0.0), float(step.sigma or 0.0)) for step in budget[1:]]
     sized = tuple(replace(effect, size=size, sigma=sigma) for effect, (size, sigma) in zip(fitted, sizes, strict=False))
-    change, covariance = calibrate_beside_remainder(model, fitted, unnamed)
+    change, covariance = calibrate_with_remainder(model, fitted, unnamed)
+    has_remainder = bool(unnamed) or len(slots) < len(explained.fitted)
     return replace(
         explained,
-        attribution=attribute(attribution, tuple(slots), bool(unnamed) or len(slots) < len(explained.fitted), settings),
+        attribution=decide_attitude_verdict(attribution, tuple(slots), has_remainder, settings),
         fitted=sized,
         unnamed=tuple(unnamed),
-        closed=summarise_closure(held) if fitted else None,
+        closed=summarise_closure(prediction) if fitted else None,
         change=change,
         covariance=covariance,
         budget=budget,
@@ -156,32 +158,32 @@ def infer_causes(
     report: Progress,
     shown: float = 1.0,
     misfit_p: float | None = None,
-) -> tuple[AttitudeInference, Inferred | None]:
-    """Infer causes from a linear model, whatever it was built from; nothing is measured on held-out data.
+) -> tuple[AttitudeInference, InferredSet | None]:
+    """Infer causes from any linear model, of an attitude or of sensor tables; no held-out data are used.
 
     Parameters
     ----------
     linear : the observations and their candidates
     settings, seed, report : as for `explain`
-    shown : p-value of what shows a gap beside the candidates
-    misfit_p : p-value of the checks of all references under M0: a gap without a word on its cause; None without checks
+    shown : p-value of another test for a misfit that the candidates may explain
+    misfit_p : p-value of the checks of all references under M0, which show a misfit but not its cause; None without checks
 
     Returns
     -------
-    What the data say, and the set with its model, None without a gap
+    The inference, and the best set with its model, None without a misfit that a candidate explains
     """
     search = Search(linear, settings, count_progress(report, "explanations", 0.5, 0.7, 1000))
     report_null = partial(report, "null distribution")
     draws, scanned = settings.null_draws, settings.scanned_share
     # Without a degree of freedom the statistic is rounding.
     p = compute_null_p(search, seed, draws, scanned, lambda share: report_null(0.35 + 0.15 * share)) if linear.dof > 0 else 1.0
-    share, of_all = (0.0, 1.0) if misfit_p is None else (settings.misfit_share, misfit_p)
+    share, checks_p = (0.0, 1.0) if misfit_p is None else (settings.misfit_share, misfit_p)
     p, misfit_p = min(p / (1 - share), shown), 1.0 if misfit_p is None else misfit_p / share
     inference = AttitudeInference(linear.candidates, min(p, misfit_p, 1.0))
     if p >= settings.false_alarm_rate:
         if misfit_p < settings.false_alarm_rate:
             return replace(inference, attribution=build_unknown_attribution(misfit_p)), None
-        return replace(inference, unseen=rank_weak_effects(linear, search.score_singles(), of_all, settings)), None
+        return replace(inference, unseen=rank_weak_effects(linear, search.score_singles(), checks_p, settings)), None
     report("explanations", 0.5)
     inferred = infer_set(search, settings)
     report("amplitudes", 0.7)
@@ -198,7 +200,7 @@ def infer_causes(
     stated = [(effect, slot) for effect, slot in fitted if slot is not None]
     attribution = Attribution("unknown", inferred.best, tuple(slot for _, slot in stated), inferred.unknown, inferred.ranked)
     unnamed = tuple(effect for effect, slot in fitted if slot is None)
-    attribution = attribute(attribution, attribution.slots, bool(unnamed), settings)
+    attribution = decide_attitude_verdict(attribution, attribution.slots, bool(unnamed), settings)
     # Of n averages of likelihood ratios, the largest reaches c with a probability of n/c at most.
     bounds = {
         linear.candidates[number].label: float(min(1.0, len(linear.candidates) * np.exp(-max(log, 0.0))))
@@ -208,6 +210,6 @@ def infer_causes(
     return replace(inference, attribution=attribution, fitted=fitted_causes, unnamed=unnamed, p_bounds=bounds), inferred
 
 
-def count_progress(report: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
-    """Progress of a stage by what is done of it, where how much there is to do is known only roughly."""
-    return lambda count: report(text, begin + (stop - begin) * count / (count + usual))
+def count_progress(report: Progress, text: str, begin: float, stop: float, expected_count: int) -> Callable[[int], None]:
+    """Build a function that reports a stage's progress by a count whose final value is known only roughly."""
+    return lambda count: report(text, begin + (stop - begin) * count / (count + expected_count))

@@ -1,4 +1,4 @@
-"""Sentences of an answer: what speaks against its causes, what moves the body, and why a calibration may see nothing."""
+"""Sentences of an answer: symptoms that contradict a cause, mistaken units, and why a calibration may see no misfit."""
 
 from __future__ import annotations
 
@@ -44,30 +44,30 @@ def explain_fitting_residuals(
     model = prepared.model
     if not (gap or samples):
         return ()
-    # As a calibration has it: all references, the samples as they are, and the noise as stated.
-    e, _, taken = compute_innovations(linearise_recording(model.recording, model.G, model.bias))
-    chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
+    # The calibration uses all references, the samples as recorded, and the stated noise.
+    e, _, fitted_basis = compute_innovations(linearise_recording(model.recording, model.G, model.bias))
+    chi2, dof = float(np.sum(e**2)), e.size - fitted_basis.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
     if p < FITS:
         return ()
-    why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
+    reasons = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
     if gap and explained.fitted:
         remaining = model.y - sum(
             (model.project_out_nuisance(effect.contribution) for effect in explained.fitted), np.zeros(model.size)
         )
         names = " and ".join(effect.label for effect in explained.fitted)
         gain = model.y @ model.y - remaining @ remaining
-        why.append(f"{names} takes {gain:.0f} off χ², which is much for it and little for {dof} residuals")
+        reasons.append(f"{names} takes {gain:.0f} off χ², which is much for it and little for {dof} residuals")
     elif gap:
-        why.append(f"what departs is a few of {dof} residuals, or a pattern in them, for which χ² is no test")
+        reasons.append(f"what departs is a few of {dof} residuals, or a pattern in them, for which χ² is no test")
     return (
         f"The residuals after a calibration fit the stated noise (χ² = {chi2:.0f} of {dof}, p = {p:.2g}), so that gyrocal "
-        f"calibrate sees no gap; there is one all the same, since {'; and '.join(why)}",
+        f"calibrate sees no gap; there is one all the same, since {'; and '.join(reasons)}",
     )
 
 
 def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
-    """A sentence for each effect that the samples show, and that would not behave so."""
+    """List a sentence for each effect that the samples show although it would not behave so."""
     for sample in samples:
         if sample.effect is not None and sample.symptom.likeness < 1 - settings.named:
             cause = sample.cause(settings)
@@ -80,13 +80,13 @@ def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSetting
 def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
     """List noise levels that are wrong by the factor of another unit."""
     for sample in samples:
-        off = [
-            (abs(np.log(max(sample.symptom.size, LEAST_POSITIVE) / ratio)), what)
-            for ratio, what in MISTAKEN.get(sample.symptom.kind, ())
+        mistakes = [
+            (abs(np.log(max(sample.symptom.size, LEAST_POSITIVE) / ratio)), mistake)
+            for ratio, mistake in MISTAKEN.get(sample.symptom.kind, ())
         ]
-        least, what = min(off, default=(np.inf, ""))
-        if sample.effect is not None and least < ALIKE:
-            yield f"{sample.effect} is about {what}: look at the number that is stated, and its unit"
+        distance, mistake = min(mistakes, default=(np.inf, ""))
+        if sample.effect is not None and distance < ALIKE:
+            yield f"{sample.effect} is about {mistake}: look at the number that is stated, and its unit"
 
 
 def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSettings) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
-"""Probabilities of causes and of explanations: all of them are made here, from plain numbers.
+"""Probabilities of causes and of explanations: all of them are computed here, from plain numbers.
 
-| probability of | made by |
+| probability of | computed by |
 |---|---|
-| a cause that the attitude shows | `compute_place_posterior` over all candidates for one place of a set, then `build_slot` |
+| a cause that the attitude shows | `compute_place_posterior` over all candidates of one place, then `build_credible_group` |
 | a cause that the samples show | `compute_symptom_posterior` |
 | a cause that both show | `combine_independent` |
 | a set of effects that explains the attitude | `rank_explanations`; without a gap `rank_weak_effects` |
@@ -11,12 +11,12 @@
 
 A cause is *named* if its probability is at least `DiagnosisSettings.named`. Where several listed effects share the probability
 of one place in the explanation, they are a *group* of indistinguishable alternatives. A random process explains a part of
-anything that is slow, and none is so much likelier than those without a name that it could be named: its cause is stated by
-side, axis and character, with the listed processes as its group.
+any slow error, and no listed process is so much likelier than processes outside the library that it could be named: its cause
+is stated by side, axis and character, with the listed processes as its group.
 
-A p-value p is uniform under what is tested. Where something else is at work its density is α p^(α − 1), the smaller α, the more
-the test sees of it. α may have any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that
-a p-value is worth the Bayes factor
+A p-value p is uniform under the tested model. Under another model its density is α p^(α − 1), with a smaller α the more
+sensitive the test is to that model. α may have any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55,
+2001), so that a p-value is worth the Bayes factor
 
     C = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
 
@@ -51,7 +51,7 @@ UNKNOWN_LABELS = ("unknown",)
 
 @dataclass(frozen=True)
 class CredibleGroup:
-    """One effect of the best explanation, and the alternatives that this recording cannot tell from it."""
+    """One effect of the best explanation, and the alternatives that this recording cannot distinguish from it."""
 
     member: SelectedCandidate  # the effect in the explanation
     probability: float  # that it is at work, or a random error of its side and axis where no effect is named
@@ -79,7 +79,7 @@ def compute_place_posterior(log_posteriors: Mapping[int, float], rival: float) -
     return {number: float(np.exp(value - norm)) for number, value in log_posteriors.items()}, float(np.exp(rival - norm))
 
 
-def build_slot(
+def build_credible_group(
     candidates: Sequence[Candidate], member: SelectedCandidate, shares: Mapping[int, float], settings: DiagnosisSettings
 ) -> tuple[CredibleGroup | None, float]:
     """Build the credible group of a place, None where unlisted errors are likelier; and the probability of these.
@@ -88,7 +88,7 @@ def build_slot(
     ----------
     candidates : of the model
     member : that of the best set in this place
-    shares : probability of each candidate in this place, by its number; what is missing to one is that of none of them
+    shares : probability of each candidate in this place, by its number; one minus their sum is that of none of them
     settings : thresholds and priors
     """
     listed = compute_listed_shares(candidates, shares, settings)
@@ -98,38 +98,38 @@ def build_slot(
     characters = {number: sum_character(candidates, shares, number) for number in listed if candidates[number].process}
     stated = {number: characters.get(number, p) for number, p in listed.items()}
     top = max(stated, key=lambda number: (stated[number], listed[number]))
-    alike = [number for number in characters if is_alike(candidates[number], candidates[top])] or [top]
-    # Processes that are stated by their character come first, and then what else may stand in the place.
-    order = sorted(listed, key=lambda number: (number not in alike, -listed[number]))
+    same_character = [number for number in characters if is_alike(candidates[number], candidates[top])] or [top]
+    # Processes that are stated by their character come first, and then the other candidates of the place.
+    order = sorted(listed, key=lambda number: (number not in same_character, -listed[number]))
     group = [number for number in order if number == top or listed[number] > settings.group_share * total]
     group = group[: settings.largest_group]
-    beside = sum(listed[number] for number in group if number not in alike)
-    shown = tuple((candidates[number].label, listed[number]) for number in group)
+    alternatives = sum(listed[number] for number in group if number not in same_character)
+    labelled = tuple((candidates[number].label, listed[number]) for number in group)
     unlisted = 1 - (total if top not in characters else stated[top])
-    return CredibleGroup(member, stated[top], stated[top] + beside, shown, shares, top not in characters), unlisted
+    return CredibleGroup(member, stated[top], stated[top] + alternatives, labelled, shares, top not in characters), unlisted
 
 
 def compute_listed_shares(
     candidates: Sequence[Candidate], shares: Mapping[int, float], settings: DiagnosisSettings
 ) -> dict[int, float]:
-    """Compute the probability of each listed candidate in a place, by its number; random processes share with the unlisted."""
+    """Compute the probability of each listed candidate in a place, by its number, with unlisted random processes as rivals."""
     listed = {number: p for number, p in shares.items() if candidates[number].listed}
     for numbers in group_processes(candidates, shares):
-        named = compute_named_share(candidates, {number: shares[number] for number in numbers}, settings)
+        share = compute_process_share(candidates, {number: shares[number] for number in numbers}, settings)
         total = sum(shares[number] for number in numbers)
         known = sum(listed.get(number, 0.0) for number in numbers)
-        listed |= {number: listed[number] * named * total / known for number in numbers if number in listed and known > 0}
+        listed |= {number: listed[number] * share * total / known for number in numbers if number in listed and known > 0}
     return listed
 
 
 def sum_character(candidates: Sequence[Candidate], shares: Mapping[int, float], number: int) -> float:
-    """Sum the probabilities of all random processes of the side and axis of one, listed or not."""
-    return sum(p for other, p in shares.items() if is_alike(candidates[other], candidates[number]))
+    """Sum the probabilities of all random processes of the side and axis of candidate `number`, listed or not."""
+    return sum(p for rival, p in shares.items() if is_alike(candidates[rival], candidates[number]))
 
 
-def is_alike(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates are random processes of one side and axis."""
-    return one.process and other.process and label_by_character(one.label) == label_by_character(other.label)
+def is_alike(first: Candidate, second: Candidate) -> bool:
+    """Check whether two candidates are random processes of one side and axis."""
+    return first.process and second.process and label_by_character(first.label) == label_by_character(second.label)
 
 
 def group_processes(candidates: Sequence[Candidate], shares: Mapping[int, float]) -> list[list[int]]:
@@ -142,17 +142,17 @@ def group_processes(candidates: Sequence[Candidate], shares: Mapping[int, float]
     return [numbers for numbers in groups.values() if any(candidates[number].listed for number in numbers)]
 
 
-def compute_named_share(candidates: Sequence[Candidate], shares: Mapping[int, float], settings: DiagnosisSettings) -> float:
+def compute_process_share(candidates: Sequence[Candidate], shares: Mapping[int, float], settings: DiagnosisSettings) -> float:
     """Compute the share of listed processes among random processes of one side and axis.
 
-    A process without a name may have any statistics, those of a listed one among them: its evidence is the mean of all, that of
-    what is on the list the mean of the listed ones.
+    An unlisted process may have any statistics, also those of a listed one: its evidence is the mean over all processes, that
+    of listed processes the mean over these. Both means weigh each process by its prior probability.
     """
     prior = {number: float(np.exp(candidates[number].log_prior)) for number in shares}
     listed = [number for number in shares if candidates[number].listed]
-    of_listed = sum(shares[number] for number in listed) / sum(prior[number] for number in listed)
-    of_all = sum(shares.values()) / sum(prior.values())
-    odds = settings.unlisted_share / (1 - settings.unlisted_share) * of_all / max(of_listed, LEAST_POSITIVE)
+    listed_evidence = sum(shares[number] for number in listed) / sum(prior[number] for number in listed)
+    mean_evidence = sum(shares.values()) / sum(prior.values())
+    odds = settings.unlisted_share / (1 - settings.unlisted_share) * mean_evidence / max(listed_evidence, LEAST_POSITIVE)
     return 1 / (1 + odds)
 
 
@@ -170,12 +170,12 @@ class SymptomPosterior:
 
 
 def compute_symptom_posterior(
-    p_value: float, likeness: float, not_motion: float, settings: DiagnosisSettings, claimed: bool = True
+    p_value: float, likeness: float, not_motion: float, settings: DiagnosisSettings, is_claimed: bool = True
 ) -> SymptomPosterior:
     """Compute the posterior of a symptom's explanations from prior odds and Bayes factors.
 
-    Every explanation is weighed against the listed effects, whose weight is one. A symptom that no effect claims is that of
-    something unlisted with the same weight.
+    Every explanation is weighed against the listed effects, whose weight is one. Where no effect claims the symptom, something
+    unlisted has this weight.
 
     - *Chance.* One more effect has the prior odds π/(1 − π), spread over `TESTS`. Under M0 the p-value is uniform. Where an
       effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
@@ -192,19 +192,19 @@ def compute_symptom_posterior(
     behaviour = compute_bayes_factor_bound(likeness) if likeness < 1 else 1.0
     unlisted = settings.unlisted_in_samples / (1 - settings.unlisted_in_samples) / behaviour
     motion = 1 / max(not_motion, LEAST_POSITIVE) - 1
-    weights = np.array([1.0, unlisted, motion, chance] if claimed else [0.0, 1.0, motion, chance])
+    weights = np.array([1.0, unlisted, motion, chance] if is_claimed else [0.0, 1.0, motion, chance])
     return SymptomPosterior(*(weights / weights.sum()).tolist())
 
 
 def compute_bayes_factor_bound(p_value: float) -> float:
-    """Compute the Bayes factor 1/C for a model against what its checks may see, of their p-value; two at most."""
+    """Compute the Bayes factor 1/C for a model against those that its check is sensitive to, from a p-value; two at most."""
     x = -math.log(min(max(p_value, LEAST_POSITIVE), 1.0))
     return 1 / (0.5 + x / 6) if x < CERTAIN else x**2 / (math.expm1(x) - x)
 
 
-def combine_independent(one: float, other: float) -> float:
+def combine_independent(first: float, second: float) -> float:
     """Combine the probabilities that two independent parts of the data give to one cause."""
-    return 1 - (1 - one) * (1 - other)
+    return 1 - (1 - first) * (1 - second)
 
 
 # ---- sets of effects that explain the attitude ---------------------------------------------------------------------------
@@ -222,7 +222,7 @@ class RankedExplanation:
 
 @dataclass(frozen=True)
 class Attribution:
-    """What the explanations amount to."""
+    """Verdict, causes and probabilities that follow from the ranked explanations."""
 
     verdict: Verdict  # named, group, partial or unknown
     best: Explanation  # the explanation that the slots belong to; the likeliest of all if partial or unknown
@@ -234,35 +234,36 @@ class Attribution:
 def rank_explanations(
     model: LinearModel, explanations: Sequence[Explanation], by_character: bool = True
 ) -> tuple[RankedExplanation, ...]:
-    """Rank sets of effects by their posterior, in the order that they are given in; those that are stated alike are one.
+    """Rank sets of effects by their posterior, in the given order; sets with the same labels are merged.
 
-    Random processes are stated by their character, and then are nothing unlisted.
+    With `by_character` random processes are labelled by their character, and none of them counts as unlisted.
     """
     norm, ranked = sum_log_posterior(list(explanations)), dict[tuple[str, ...], RankedExplanation]()
-    for one in explanations:
-        entries = [model.candidate(member) for member in one.members]
+    for explanation in explanations:
+        entries = [model.candidate(member) for member in explanation.members]
         labels = tuple(label_by_character(entry.label) if by_character and entry.process else entry.label for entry in entries)
-        probability = float(np.exp(one.log_posterior - norm))
+        probability = float(np.exp(explanation.log_posterior - norm))
         unlisted = not all(entry.listed or (entry.process and by_character) for entry in entries)
-        first = ranked.setdefault(labels, RankedExplanation(labels, 0.0, one.log_evidence, unlisted))
+        first = ranked.setdefault(labels, RankedExplanation(labels, 0.0, explanation.log_evidence, unlisted))
         ranked[labels] = replace(first, probability=first.probability + probability)
     return tuple(ranked.values())
 
 
-def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:
-    """Rank sets of effects, the likeliest first, without naming a cause: for what is told by the sets themselves."""
+def rank_without_naming(model: LinearModel, explanations: Sequence[Explanation]) -> Attribution:
+    """Rank sets of effects, the likeliest first, without identifying a cause; random processes keep their own labels."""
     ranked = rank_explanations(model, explanations, by_character=False)
-    return Attribution("unknown", explanations[0], (), sum(one.probability for one in ranked if one.unlisted), ranked)
+    unlisted = sum(explanation.probability for explanation in ranked if explanation.unlisted)
+    return Attribution("unknown", explanations[0], (), unlisted, ranked)
 
 
 def build_unknown_attribution(p_value: float) -> Attribution:
     """Compare M0 with an effect outside the library, equally probable a priori, for a gap that no candidate explains."""
     unknown = 1 / (1 + compute_bayes_factor_bound(p_value))
-    nothing, other = (
+    baseline, outside = (
         RankedExplanation((), 1 - unknown, 0.0, False),
         RankedExplanation(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
     )
-    return Attribution("unknown", BASELINE_EXPLANATION, (), unknown, (other, nothing))
+    return Attribution("unknown", BASELINE_EXPLANATION, (), unknown, (outside, baseline))
 
 
 def rank_weak_effects(
@@ -274,29 +275,29 @@ def rank_weak_effects(
     ----------
     model : the candidates
     explanations : one effect each, with its evidence, which is small
-    p_value : of what M0 leaves of all references, which would show something on no list that no candidate does
+    p_value : of M0's residuals of all references, which would show an effect outside the library that no candidate shows
 
     Returns
     -------
     All of them, the likeliest first
     """
-    hidden = float(np.log(settings.unlisted_share / compute_bayes_factor_bound(p_value)))
-    norm = float(np.logaddexp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]), hidden))
-    share = float(np.exp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]) - norm))
+    log_unlisted = float(np.log(settings.unlisted_share / compute_bayes_factor_bound(p_value)))
+    norm = float(np.logaddexp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]), log_unlisted))
+    listed_probability = float(np.exp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]) - norm))
     ranked = [
-        replace(one, probability=one.probability * share)
-        for one in rank_explanations(model, [BASELINE_EXPLANATION, *explanations])
+        replace(explanation, probability=explanation.probability * listed_probability)
+        for explanation in rank_explanations(model, [BASELINE_EXPLANATION, *explanations])
     ]
-    ranked.append(RankedExplanation(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
-    return tuple(sorted(ranked, key=lambda one: -one.probability))
+    ranked.append(RankedExplanation(("something that no candidate shows",), float(np.exp(log_unlisted - norm)), 0.0, True))
+    return tuple(sorted(ranked, key=lambda explanation: -explanation.probability))
 
 
 def sum_by_labels(ranked: Sequence[RankedExplanation], odds: float = 1.0) -> dict[tuple[str, ...], float]:
     """Sum the probabilities of ranked explanations by their labels, that of each effect times `odds`."""
     sums: dict[tuple[str, ...], float] = {}
-    for one in ranked:
-        labels = UNKNOWN_LABELS if one.unlisted else tuple(sorted(one.labels))
-        sums[labels] = sums.get(labels, 0.0) + one.probability * (odds if labels else 1.0)
+    for explanation in ranked:
+        labels = UNKNOWN_LABELS if explanation.unlisted else tuple(sorted(explanation.labels))
+        sums[labels] = sums.get(labels, 0.0) + explanation.probability * (odds if labels else 1.0)
     return sums
 
 
@@ -306,12 +307,12 @@ def list_attitude_explanations(attribution: Attribution | None) -> Explanations:
 
 
 def list_explanations_without_gap(
-    ranked: Sequence[RankedExplanation], beside: bool, settings: DiagnosisSettings
+    ranked: Sequence[RankedExplanation], has_sample_findings: bool, settings: DiagnosisSettings
 ) -> Explanations:
     """List M0 and effects too weak to identify; beside findings in the samples each counts as one more effect."""
     if not ranked:
         return (((), 1.0),)
-    sums = sum_by_labels(ranked, settings.another / (1 - settings.another) if beside else 1.0)
+    sums = sum_by_labels(ranked, settings.another / (1 - settings.another) if has_sample_findings else 1.0)
     norm = sum(sums.values())
     return select_likeliest({labels: p / norm for labels, p in sums.items()})
 
@@ -324,39 +325,42 @@ class SymptomSummary(NamedTuple):
 
     kind: str  # symptoms of one kind have one unlisted cause or none
     listed: float  # probability that nothing unlisted makes it
-    shares: tuple[
-        tuple[str, float], ...
-    ]  # labels of the effects that may make it, with their shares; none if no effect claims it
+    # labels of the effects that may make it, with their shares of the probability; none if no effect claims it
+    shares: tuple[tuple[str, float], ...]
 
 
-def list_listed(symptoms: Sequence[SymptomSummary]) -> list[float]:
-    """List the probability of each symptom that nothing unlisted makes it, given that of those before.
+def compute_conditional_listed(symptoms: Sequence[SymptomSummary]) -> list[float]:
+    """Compute for each symptom the probability that no unlisted effect makes it, given that none makes those before it.
 
-    What acts on one gyro acts on others: the symptoms of one kind have one unlisted cause or none.
+    An effect on one gyro acts on the others, too: the symptoms of one kind have one unlisted cause or none.
     """
     conditional: list[float] = []
     least: dict[str, float] = {}
-    for one in symptoms:
-        before = least.get(one.kind, 1.0)
-        least[one.kind] = min(before, one.listed)
-        conditional.append(least[one.kind] / before if before > 0 else 0.0)
+    for symptom in symptoms:
+        before = least.get(symptom.kind, 1.0)
+        least[symptom.kind] = min(before, symptom.listed)
+        conditional.append(least[symptom.kind] / before if before > 0 else 0.0)
     return conditional
 
 
 def combine_posteriors(symptoms: Sequence[SymptomSummary], attitude: Explanations) -> Explanations:
     """Combine the explanations of the samples and of the attitude; to a sum of `KEPT`."""
-    shown: dict[tuple[str, ...], float] = {(): 1.0}
-    for one, listed in zip(symptoms, list_listed(symptoms), strict=True):
-        if one.shares:
-            shown = {(*labels, label): p * listed * share for labels, p in shown.items() for label, share in one.shares}
+    by_samples: dict[tuple[str, ...], float] = {(): 1.0}
+    for symptom, listed in zip(symptoms, compute_conditional_listed(symptoms), strict=True):
+        if symptom.shares:
+            by_samples = {
+                (*labels, label): p * listed * share for labels, p in by_samples.items() for label, share in symptom.shares
+            }
         else:
-            shown = {labels: p * listed for labels, p in shown.items()}
+            by_samples = {labels: p * listed for labels, p in by_samples.items()}
     sums: dict[tuple[str, ...], float] = {}
     for labels, p in attitude:
-        for beside, share in shown.items():
-            both = labels if "unknown" in labels else (*beside, *(label for label in labels if label not in beside))
-            sums[both] = sums.get(both, 0.0) + p * share
-    # Something unlisted may have made what the samples show.
+        for sample_labels, share in by_samples.items():
+            combined = (
+                labels if "unknown" in labels else (*sample_labels, *(label for label in labels if label not in sample_labels))
+            )
+            sums[combined] = sums.get(combined, 0.0) + p * share
+    # The rest of the probability is that of an unlisted effect behind a symptom.
     sums[UNKNOWN_LABELS] = sums.get(UNKNOWN_LABELS, 0.0) + 1 - sum(sums.values())
     return select_likeliest({labels: p for labels, p in sums.items() if p > 0})
 
@@ -364,9 +368,11 @@ def combine_posteriors(symptoms: Sequence[SymptomSummary], attitude: Explanation
 def join_explanations(attitude: Explanations, sensors: Explanations) -> Explanations:
     """Join the explanations of the attitude and of the raw sensor tables, which are independent of one another."""
     sums: dict[tuple[str, ...], float] = {}
-    for one, p in attitude:
-        for other, q in sensors:
-            labels = UNKNOWN_LABELS if UNKNOWN_LABELS in (one, other) else (*one, *other)
+    for attitude_labels, p in attitude:
+        for sensor_labels, q in sensors:
+            labels = (
+                UNKNOWN_LABELS if UNKNOWN_LABELS in (attitude_labels, sensor_labels) else (*attitude_labels, *sensor_labels)
+            )
             sums[labels] = sums.get(labels, 0.0) + p * q
     return select_likeliest(sums)
 

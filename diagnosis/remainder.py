@@ -1,4 +1,4 @@
-"""The remainder: what is in the model of a misfit and is no cause, in the units of a user.
+"""The remainder: members of the model of a misfit that are no causes, in the units of a user.
 
 It consists of members of the same set as the causes (`diagnosis.inference.joint_search`): random errors of gyro, references and
 time tags, families outside the library, and effects that are less likely than these, or that close nothing on held-out data.
@@ -80,8 +80,8 @@ def find_remainder_side(unnamed: Sequence[FittedEffect], powers: Sequence[float]
     for effect, power in zip(unnamed, powers, strict=True):
         side = "time tags" if effect.effect in CLOCKS else "reference" if effect.effect.startswith("reference") else "gyro"
         sides[side] = sides.get(side, 0.0) + power
-    side, most = max(sides.items(), key=lambda pair: pair[1])
-    return side if most >= DECISIVE * sum(sides.values()) else UNDECIDED
+    side, power_of_side = max(sides.items(), key=lambda pair: pair[1])
+    return side if power_of_side >= DECISIVE * sum(sides.values()) else UNDECIDED
 
 
 def find_regressors(
@@ -90,17 +90,17 @@ def find_regressors(
     unnamed: Sequence[FittedEffect],
     p_bounds: Mapping[str, float],
 ) -> tuple[Regressor, ...]:
-    """Find what the remainder follows: its shapes, with the share of the held-out misfit that each closes beside the causes.
+    """Find the shapes of the remainder, with the share of the held-out misfit that each closes beside the causes.
 
     A shape is reported only if the 90 % interval of that share is above zero.
     """
     random = [effect for effect in unnamed if effect.process]
     shapes = [effect for effect in unnamed if not effect.process][:MOST_REGRESSORS]
-    held = predict_held_out(model, [*fitted, *shapes], random) if shapes else None
-    out = []
+    prediction = predict_held_out(model, [*fitted, *shapes], random) if shapes else None
+    regressors = []
     for number, shape in enumerate(shapes, len(fitted)):
-        assert held is not None
-        share, (low, _) = held.closed(number, number + 1)
+        assert prediction is not None
+        share, (low, _) = prediction.closed(number, number + 1)
         if low > 0:
-            out.append(Regressor(shape.label, p_bounds[shape.label], share))
-    return tuple(out)
+            regressors.append(Regressor(shape.label, p_bounds[shape.label], share))
+    return tuple(regressors)

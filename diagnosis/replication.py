@@ -99,23 +99,21 @@ def estimate_by_part(
 def combine_parts(names: Sequence[str], sizes: Array, covariance: Array, t_s: Array) -> Replication:
     """Combine sizes (k,) of an effect by part, with covariance (k, k) and times (k,), to a random-effects mean and a ramp."""
     sigmas = np.sqrt(np.diag(covariance))
-    seen = sigmas <= WIDEST * sigmas.min()
-    shown, sigma = sizes[seen], sigmas[seen]
-    parts = tuple(
-        PartSize(*values) for values in zip(np.array(names)[seen].tolist(), shown.tolist(), sigma.tolist(), strict=True)
-    )
-    if shown.size < 2:
-        return Replication(parts, 1.0, float(shown[0]), float(sigma[0]))
+    used = sigmas <= WIDEST * sigmas.min()
+    size, sigma = sizes[used], sigmas[used]
+    shown = zip(np.array(names)[used].tolist(), size.tolist(), sigma.tolist(), strict=True)
+    parts = tuple(PartSize(*values) for values in shown)
+    if size.size < 2:
+        return Replication(parts, 1.0, float(size[0]), float(sigma[0]))
     weights = sigma**-2
-    mean = float(weights @ shown / weights.sum())
-    Q = float(weights @ (shown - mean) ** 2)
-    between = max(0.0, (Q - (shown.size - 1)) / float(weights.sum() - (weights**2).sum() / weights.sum()))
+    mean = float(weights @ size / weights.sum())
+    Q = float(weights @ (size - mean) ** 2)
+    between = max(0.0, (Q - (size.size - 1)) / float(weights.sum() - (weights**2).sum() / weights.sum()))
     weights = 1.0 / (sigma**2 + between)
-    mean = float(weights @ shown / weights.sum())
-    p = float(scipy.special.chdtrc(shown.size - 1, Q))
-    return Replication(
-        parts, p, mean, float(weights.sum() ** -0.5), float(np.sqrt(between)), _fit_ramp(shown, sigma, t_s[seen])
-    )
+    mean = float(weights @ size / weights.sum())
+    p = float(scipy.special.chdtrc(size.size - 1, Q))
+    ramp = _fit_ramp(size, sigma, t_s[used])
+    return Replication(parts, p, mean, float(weights.sum() ** -0.5), float(np.sqrt(between)), ramp)
 
 
 def _fit_ramp(sizes: Array, sigmas: Array, t_s: Array) -> tuple[float, float] | None:

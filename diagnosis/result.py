@@ -1,4 +1,4 @@
-"""What a diagnosis says, and the tables its figures are drawn from."""
+"""The answer of a diagnosis, and the tables its figures are drawn from."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Details:
 
     residuals: pd.DataFrame  # interval, t_s, before_x…z, band_x…z (one sigma under M0, after its own fit), after_x…z
     statistics: pd.DataFrame  # interval, axis, phase, statistic, value, dof, p_value — the map
-    # cause, interval, axis, t_s, regressor_deg (what the cause does at the size found), residual_deg (what M0 leaves, with the
-    # other causes taken out)
+    # cause, interval, axis, t_s, regressor_deg (error by the cause at its estimated size), residual_deg (residual under M0 less
+    # the errors by the other causes)
     regressors: pd.DataFrame
     fitted: tuple[FittedEffect, ...] = ()  # the causes of the attitude
-    beside: tuple[FittedEffect, ...] = ()  # members of the remainder
+    unnamed: tuple[FittedEffect, ...] = ()  # members of the remainder
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class Diagnosis:
     where : findings, the strongest first
     causes : one for each effect of the best explanation
     alternatives : (effects, probability) of the next best explanations
-    unknown_probability : that something not on the list is at work
+    unknown_probability : that an effect outside the library is at work
     closure : None without a named cause or where it could not be measured
-    G, bias, sigma_G, sigma_bias : calibration with the causes in, bias in rad/s
+    G, bias, sigma_G, sigma_bias : calibration with the causes in the model, bias in rad/s
     baseline_G, baseline_bias : calibration under M0
     notes : limits of this recording, in sentences
     runtime_s : time taken
     details : tables for the figures
-    sensors : what the raw sensor tables say, where there are any; its causes are among those above
+    sensors : diagnosis of the raw sensor tables, where there are any; its causes are among those above
     p_values : of each test by its name, under M0
     posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
         all that hold something unlisted; without a gap, the empty explanation
@@ -111,18 +111,18 @@ class Diagnosis:
         return build_conformal_set(self.posterior, DEFAULT.conformal)
 
     def _summarise_sigmas(self) -> dict[str, Any]:
-        """Sigmas under the stated noise and with the remainder, G row by row and b in deg/s, and which to use."""
-        own = np.concatenate([self.sigma_G.ravel(), self.sigma_bias])
+        """Return the sigmas under the stated noise and with the remainder, G row by row and b in deg/s, and which to use."""
+        sigmas = np.concatenate([self.sigma_G.ravel(), self.sigma_bias])
         unit = np.concatenate([np.ones(self.sigma_G.size), np.full(3, np.rad2deg(1.0))])
-        nominal = own if self.sigma_nominal is None else self.sigma_nominal
+        nominal = sigmas if self.sigma_nominal is None else self.sigma_nominal
         return {
             "sigma_nominal": (nominal * unit).tolist(),
-            "sigma_with_remainder": (own * unit).tolist(),
+            "sigma_with_remainder": (sigmas * unit).tolist(),
             "recommended": "nominal" if self.sigma_nominal is None else "with_remainder",
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The result as one object, format 1."""
+        """Return the result as one object, format 1."""
         return {
             "format": 1,
             "recording": self.recording,
@@ -178,7 +178,7 @@ class Diagnosis:
             "unobserved": list(self.unobserved),
             "masked": self.mask.to_json(),
             "masked_share": self.masked_share,
-            "invisible": [one.to_json() for one in self.invisible],
+            "invisible": [effect.to_json() for effect in self.invisible],
             "p_values": dict(self.p_values),
             "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
             "conformal_90": list(self.conformal_90),

@@ -1,4 +1,4 @@
-"""What a diagnosis of the raw sensor tables says."""
+"""The answer of a diagnosis of the raw sensor tables."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ SENSOR_RESIDUAL_COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "b
 
 @dataclass(frozen=True)
 class RejectedExplanation:
-    """An explanation that was put to the test beside the one that is named."""
+    """An alternative explanation that was tested beside the named causes."""
 
     effects: tuple[str, ...]  # labels
-    log_bayes_factor: float  # natural logarithm of how much likelier the data are under what is named
+    log_bayes_factor: float  # natural logarithm of the Bayes factor of the named causes against it
     before: float  # before, after: mean square on days left out, under M0 and with it; the floor is 1
     after: float
     p_value: float  # that noise as stated leaves that much
 
     def to_json(self) -> dict[str, Any]:
-        """One object."""
+        """Return the fields as one object."""
         return {**asdict(self), "effects": list(self.effects)}
 
 
@@ -41,16 +41,15 @@ class SensorDiagnosis:
     dof: int = 0  # degrees of freedom
     causes: tuple[Cause, ...] = ()  # one for each effect of the best explanation
     alternatives: Explanations = ()  # (effects, probability) of the next best
-    unknown_probability: float = 1.0  # that something not on the list is at work
+    unknown_probability: float = 1.0  # that an effect outside the library is at work
     closure: Closure | None = None  # on days left out; None without a named cause
-    rejected: tuple[RejectedExplanation, ...] = ()  # what else an alignment calibration would say, tested beside the causes
+    rejected: tuple[RejectedExplanation, ...] = ()  # explanation of an alignment calibration, tested beside the causes
     notes: tuple[str, ...] = ()  # limits, in sentences
     # labels of each explanation with its probability, as in `diagnosis.result.Diagnosis`
     posterior: Explanations = ((("unknown",), 1.0),)
     # sensor, angle, interval, t_s, alpha_deg, beta_deg, before_deg, after_deg — the latter two are residuals under M0 and with
     # the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
     residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=SENSOR_RESIDUAL_COLUMNS), repr=False)
-    # effects (joined by " + "), probability, log_evidence, unlisted
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields that the merged result lacks; its causes and findings are among the others there."""
@@ -62,6 +61,6 @@ class SensorDiagnosis:
             "causes": [cause.label for cause in self.causes],
             "unknown_probability": self.unknown_probability,
             "closure": None if self.closure is None else self.closure.to_json(),
-            "rejected": [one.to_json() for one in self.rejected],
+            "rejected": [explanation.to_json() for explanation in self.rejected],
             "notes": list(self.notes),
         }

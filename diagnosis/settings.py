@@ -1,9 +1,9 @@
 """Every threshold of the diagnosis, in one place.
 
-A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples speaks. Each says
-what it means, its unit, and how it was chosen. Where the choice came from data, they are simulated recordings that were looked
-at in development; the figures in the README come from other ones (`studies.withheld`). Numbers that belong to a method rather
-than to a decision, such as the length of a window or the points of a grid, stand beside the method.
+A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples rejects M0. Each
+has its meaning, its unit, and how it was chosen. Where the choice came from data, they are simulated recordings that were
+looked at in development; the figures in the README come from other ones (`studies.withheld`). Numbers that belong to a method
+rather than to a decision, such as the length of a window or the points of a grid, stand beside the method.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 
 def define_threshold(value: Any, meaning: str, unit: str, chosen: str) -> Any:
-    """A field of the settings with its documentation."""
+    """Define a field of the settings with its documentation."""
     return field(default=value, metadata={"meaning": meaning, "unit": unit, "chosen": chosen})
 
 

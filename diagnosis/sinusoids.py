@@ -66,14 +66,14 @@ class Spectrum:
     amplitude_of_one: float  # amplitude of a sinusoid whose power at its own frequency is one
 
     def compute_level(self, width: int) -> Array:
-        """Return the level of the noise around each frequency: the running median over so many frequencies."""
+        """Estimate the level of the noise around each frequency by the running median over `width` frequencies."""
         size = (min(width, len(self.power)), *[1] * (self.power.ndim - 1))
         median = scipy.special.gammaincinv(np.maximum(self.count, 1), 0.5) / np.maximum(self.count, 1)
         return np.asarray(scipy.ndimage.median_filter(self.power / median, size=size, mode="nearest"))
 
 
 def compute_log_p(ratio: Array | float, count: Array | float, trials: int) -> Array:
-    """Return log p of powers over their level, means of so many pieces of noise, with an allowance for the trials."""
+    """Compute log p of powers over their level, means of `count` pieces of noise, with an allowance for the trials."""
     with np.errstate(divide="ignore"):
         log_p = np.log(scipy.special.gammaincc(count, count * np.asarray(ratio)))
     return np.asarray(np.minimum(log_p + np.log(trials), 0.0))
@@ -86,9 +86,9 @@ def make_taper(window: str, length: int) -> Array:
 
 
 def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float, window: str) -> Spectrum | None:
-    """Average the periodograms of all segments of so many even samples in the arcs; None where no arc is as long.
+    """Average the periodograms of all segments of `length` even samples in the arcs; None where no arc is as long.
 
-    Where segments are many, overlapping ones are averaged (Welch 1967). A straight line is taken out of each.
+    Of many segments, overlapping ones are averaged (Welch 1967). A straight line is subtracted from each.
     """
     taper = make_taper(window, length)
     many = sum((high - low) // length for low, high in arcs) >= SEGMENTS_TO_OVERLAP
@@ -97,9 +97,9 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
     places = np.concatenate(starts)
     if not places.size:
         return None
-    power, some = np.zeros(length // 2 + 1), max(1, SAMPLES_AT_ONCE // length)
-    for first in range(0, places.size, some):
-        segments = np.array([x[start : start + length] for start in places[first : first + some]])
+    power, batch_size = np.zeros(length // 2 + 1), max(1, SAMPLES_AT_ONCE // length)
+    for first in range(0, places.size, batch_size):
+        segments = np.array([x[start : start + length] for start in places[first : first + batch_size]])
         power += (np.abs(scipy.fft.rfft(remove_line(segments) * taper, axis=1)) ** 2).sum(axis=0)
     power /= places.size * np.sum(taper**2)
     count = np.array([_count_independent_segments([segment_starts.size for segment_starts in starts], taper, step)])
@@ -112,9 +112,9 @@ def compute_power(t_s: Array, values: Array, frequency_hz: Array) -> Array:
     x, t = values - values.mean(axis=0), t_s - t_s.mean()
     power = np.empty((frequency_hz.size, x.shape[1]))
     for first in range(0, frequency_hz.size, FREQUENCIES_AT_ONCE):
-        some = slice(first, first + FREQUENCIES_AT_ONCE)
-        phase = np.outer(2 * np.pi * frequency_hz[some], t)
-        power[some] = ((np.cos(phase) @ x) ** 2 + (np.sin(phase) @ x) ** 2) / len(x)
+        batch = slice(first, first + FREQUENCIES_AT_ONCE)
+        phase = np.outer(2 * np.pi * frequency_hz[batch], t)
+        power[batch] = ((np.cos(phase) @ x) ** 2 + (np.sin(phase) @ x) ** 2) / len(x)
     return power
 
 
@@ -137,12 +137,12 @@ def convolve(series: NDArray[Any], kernel: NDArray[Any]) -> NDArray[Any]:
 
 
 def _count_independent_segments(counts: Sequence[int], taper: Array, step: int) -> float:
-    """Number of independent segments that as many overlapping ones are worth (Welch 1967)."""
-    n, total, shared = taper.size, float(sum(counts)), 0.0
+    """Compute the number of independent segments that overlapping ones are worth (Welch 1967)."""
+    n, total, correlated = taper.size, float(sum(counts)), 0.0
     for j in range(1, (n - 1) // step + 1):
-        alike = float(taper[: n - j * step] @ taper[j * step :] / (taper @ taper)) ** 2
-        shared += 2 * alike * sum(max(count - j, 0) for count in counts) / total
-    return total / (1 + shared)
+        correlation = float(taper[: n - j * step] @ taper[j * step :] / (taper @ taper)) ** 2
+        correlated += 2 * correlation * sum(max(count - j, 0) for count in counts) / total
+    return total / (1 + correlated)
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class SinusoidFit:
 
 
 def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | float = 0.0) -> Array:
-    """Return (n, 2 f) sine and cosine of each frequency, or their means over as long."""
+    """Compute sine and cosine (n, 2 f) of each frequency at times (n,), or their means over a duration."""
     frequencies = np.atleast_1d(frequency_hz)
     angle = 2 * np.pi * np.outer(t_s, frequencies)
     waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)
@@ -193,7 +193,7 @@ def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | floa
 
 
 def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = STEPS) -> SinusoidFit:
-    """Fit a sinusoid near a frequency, at most so far from it."""
+    """Fit a sinusoid near a frequency, at most `reach_hz` from it."""
     fitted_hz, sigma_hz = frequency_hz, 0.0
     for _ in range(steps):
         step, sigma_hz = _compute_step(pieces, fitted_hz)
@@ -209,28 +209,28 @@ def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, 
 
 
 def _solve(waves: Array, data: Array) -> tuple[Array, float, Array]:
-    """Amplitudes (2,), variance of the residuals, and these."""
+    """Solve for the amplitudes (2,), the variance of the residuals, and these."""
     amplitude = np.linalg.lstsq(waves, data, rcond=None)[0]
     residual = data - waves @ amplitude
     return np.asarray(amplitude), max(float(np.mean(residual**2)), NO_NOISE), np.asarray(residual)
 
 
 def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, float]:
-    """Gauss and Newton's step of the frequency and its sigma, Hz."""
+    """Compute the Gauss–Newton step of the frequency and its sigma, Hz."""
     top, bottom = 0.0, 0.0
     for piece in pieces:
         plain = make_waves(frequency_hz, piece.t_s)
         waves = piece.observe(plain)
         (s, c), variance, residual = _solve(waves, piece.data)
         elapsed = piece.t_s - piece.t_s.mean()
-        turned = piece.observe((2 * np.pi * elapsed * (plain @ np.array([-c, s])))[:, None])[:, 0]
-        slope = turned - waves @ np.linalg.lstsq(waves, turned, rcond=None)[0]
+        derivative = piece.observe((2 * np.pi * elapsed * (plain @ np.array([-c, s])))[:, None])[:, 0]
+        slope = derivative - waves @ np.linalg.lstsq(waves, derivative, rcond=None)[0]
         top, bottom = top + float(slope @ residual) / variance, bottom + float(slope @ slope) / variance
     return (top / bottom, 1 / float(np.sqrt(bottom))) if bottom > 0 else (0.0, 0.0)
 
 
 def find_frequency(pieces: Sequence[Piece], centre_hz: float, width_hz: float, sample_s: float) -> float:
-    """Return the frequency near a peak at which even samples with a phase in each piece explain most, Hz."""
+    """Find the frequency near a peak, Hz, whose sinusoid with a phase in each piece explains most of even samples."""
     span_s = max(float(np.ptp(piece.t_s)) for piece in pieces)
     low, high = max(centre_hz - width_hz, 0.1 / span_s), centre_hz + width_hz
     trial = np.linspace(low, high, 2 + int((high - low) * span_s / ZOOM_STEP))
@@ -262,16 +262,16 @@ class IntervalProducts:
     h: Array  # (j,) Σ_i h_i
     s: Complex  # (j, n, 1)
 
-    def compute_log_evidence(self, frequency: Array, made: Indices | slice = slice(None)) -> Array:
-        """Return the (j, m) log evidence of waves of frequencies (j, m), Hz, with their phase free, at the best of some sizes.
+    def compute_log_evidence(self, frequency: Array, nearest: Indices | slice = slice(None)) -> Array:
+        """Compute the log evidence (j, m) of waves of frequencies (j, m), Hz, of any phase, at the best of some sizes.
 
-        `made` says which f_j each row is near to.
+        `nearest` holds the index j of the frequency f_j that each row is near to.
         """
         e = np.exp(2j * np.pi * frequency[:, :, None] * self.middle_s)
-        sums = np.matmul(e, self.zg[made])
+        sums = np.matmul(e, self.zg[nearest])
         z, g = sums[..., 0], sums[..., 1:]
-        around = self.h[made][:, None] - np.sum(np.abs(g) ** 2, axis=2)
-        along = np.matmul(e * e, self.s[made])[..., 0] - np.sum(g * g, axis=2)
+        around = self.h[nearest][:, None] - np.sum(np.abs(g) ** 2, axis=2)
+        along = np.matmul(e * e, self.s[nearest])[..., 0] - np.sum(g * g, axis=2)
         pp, qq, pq = 0.5 * (around + along.real), 0.5 * (around - along.real), 0.5 * along.imag
         mean = np.maximum(0.5 * around, 1e-300)
         best = np.full(frequency.shape, -np.inf)
@@ -284,7 +284,7 @@ class IntervalProducts:
 
 
 def find_tops(score: Array, most: int) -> Indices:
-    """Return the places of the highest local maxima of (m,) scores, the highest first."""
+    """Find the indices of the `most` highest local maxima of scores (m,), the highest first."""
     sides = np.pad(score, 1, constant_values=-np.inf)
     tops = np.flatnonzero((score > sides[:-2]) & (score >= sides[2:]))
     return np.asarray(tops[np.argsort(-score[tops])][:most])

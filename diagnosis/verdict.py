@@ -4,8 +4,8 @@
 |---|---|
 | none | no misfit |
 | not identifiable | no misfit, of a recording that could not show one |
-| named, group | causes identified, each alone or with what the recording cannot tell from it |
-| partial | causes identified beside a remainder, or beside something unlisted that the samples show |
+| named, group | causes identified, each alone or with alternatives that the recording cannot distinguish from it |
+| partial | causes identified beside a remainder, or beside an unlisted effect that the samples show |
 | unknown | a misfit that no identified cause explains |
 """
 
@@ -19,16 +19,16 @@ from diagnosis.posterior import Attribution, CredibleGroup
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 
-def attribute(
-    found: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
+def decide_attitude_verdict(
+    attribution: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
 ) -> Attribution:
-    """Decide the verdict on the attitude's causes, beside a remainder or without one, and keep those in an attribution."""
+    """Decide the verdict on the attitude's causes, with a remainder or without one; returns the attribution with both."""
     if not slots:
-        return replace(found, verdict="unknown", slots=())
+        return replace(attribution, verdict="unknown", slots=())
     if remainder:
-        return replace(found, verdict="partial", slots=slots)
+        return replace(attribution, verdict="partial", slots=slots)
     named = all(slot.named and slot.probability >= settings.named for slot in slots)
-    return replace(found, verdict="named" if named else "group", slots=slots)
+    return replace(attribution, verdict="named" if named else "group", slots=slots)
 
 
 def decide_verdict(
@@ -37,7 +37,7 @@ def decide_verdict(
     unlisted: float,
     settings: DiagnosisSettings,
     *,
-    beside_remainder: bool = False,
+    has_remainder: bool = False,
     blind: bool = False,
 ) -> Verdict:
     """Decide the verdict on the whole recording.
@@ -48,15 +48,15 @@ def decide_verdict(
     causes : those that are stated
     unlisted : probability that something unlisted is at work
     settings : thresholds
-    beside_remainder : whether the causes were identified in the presence of a remainder
+    has_remainder : whether the causes were identified in the presence of a remainder
     blind : whether the recording could not show a misfit
     """
     if not present:
         return "not identifiable" if blind else "none"
-    if beside_remainder:
+    if has_remainder:
         return "partial"
     if not causes:
         return "unknown"
     if unlisted > settings.unknown:
         return "partial"
-    return "named" if all(one.named and one.probability >= settings.named for one in causes) else "group"
+    return "named" if all(cause.named and cause.probability >= settings.named for cause in causes) else "group"

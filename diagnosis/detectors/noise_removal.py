@@ -1,4 +1,4 @@
-"""Rates of a body without the gyro's noise, as far as the samples alone tell them apart.
+"""Estimate the rates of a body without the gyro's noise from the samples alone.
 
 Two estimates are made of each interval and axis:
 
@@ -7,7 +7,7 @@ Two estimates are made of each interval and axis:
 - shrunk cosine coefficients, good for a body that sways. Of white noise each orthonormal coefficient has the variance σ²; one
   of the mean square P among its neighbours is multiplied by 1 − σ²/P (Wiener), or left out where P is what noise may have.
 
-That of the smaller risk is taken, as estimated by ‖readings − estimate‖² + 2 σ² × degrees of freedom (Stein, Annals of
+The estimate of the smaller risk is taken, as estimated by ‖readings − estimate‖² + 2 σ² × degrees of freedom (Stein, Annals of
 Statistics 9 (1981) 1135, section 3, but for a constant); these are the sum over the samples of what each contributes to its own
 estimate.
 """
@@ -31,43 +31,45 @@ FEWEST_COSINE_SAMPLES = 8 * NEIGHBOURS  # samples of an interval whose motion is
 
 
 def remove_noise(rates: Array, recording: Recording) -> Array:
-    """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
+    """Estimate the raw rates (n, 3), rad/s, without their noise, by smoothing inside each interval."""
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    out = rates.copy()
-    for part in find_interval_slices(recording):
-        out[part] = remove_interval_noise(rates[part], recording.gyro.sample_s, estimate_sample_sigma(rates[part], sigma))
-    return out
+    smooth = rates.copy()
+    for interval in find_interval_slices(recording):
+        measured = rates[interval]
+        smooth[interval] = remove_interval_noise(measured, recording.gyro.sample_s, estimate_sample_sigma(measured, sigma))
+    return smooth
 
 
 def remove_interval_noise(rates: Array, sample_s: float, sigma: Array) -> Array:
-    """Rates (n, 3) of one interval, rad/s, evenly sampled, without their noise of (3,) sigmas of a sample."""
+    """Estimate the noise-free rates (n, 3) of one interval, rad/s, evenly sampled with noise of (3,) sigmas of a sample."""
     return np.column_stack([_choose_axis_estimate(rates[:, axis], sample_s, float(level)) for axis, level in enumerate(sigma)])
 
 
 def _choose_axis_estimate(rates: Array, sample_s: float, sigma: float) -> Array:
-    """Choose the estimate (n,) of the smaller risk."""
+    """Choose the estimate (n,) of the motion about one axis, rad/s, that has the smaller risk."""
     read = replace_outliers(rates, sigma)
-    local, freedom = smooth_axis(read, sample_s, np.inf, sigma)
+    local, local_freedom = smooth_axis(read, sample_s, np.inf, sigma)
     if rates.size < FEWEST_COSINE_SAMPLES or not sigma > 0:
         return local
-    waves, of_waves = shrink_cosines(read, sigma)
-    return waves if _estimate_risk(read, waves, of_waves, sigma) < _estimate_risk(read, local, freedom, sigma) else local
+    shrunk, shrunk_freedom = shrink_cosines(read, sigma)
+    risk = _estimate_risk(read, shrunk, shrunk_freedom, sigma)
+    return shrunk if risk < _estimate_risk(read, local, local_freedom, sigma) else local
 
 
 def shrink_cosines(rates: Array, sigma: float) -> tuple[Array, float]:
-    """Estimate of the motion by its cosine coefficients, (n,), and its degrees of freedom.
+    """Estimate the motion (n,) about one axis, rad/s, by its cosine coefficients; also the estimate's degrees of freedom.
 
     A straight line is taken out first, since a cosine series has no slope at its ends.
     """
     line = np.polynomial.Polynomial.fit(np.arange(rates.size), rates, 1)(np.arange(rates.size))
     coefficients = scipy.fft.dct(rates - line, norm="ortho") / sigma
     power = np.maximum(uniform_filter1d(coefficients**2, NEIGHBOURS, mode="mirror"), LOUDEST)
-    loud = power > LOUDEST
-    share = np.where(loud, 1 - 1 / power, 0.0)
-    # The derivative of each share by its own coefficient, times that: neighbours' mean squares hold it, too.
-    own = np.where(loud, 2 / NEIGHBOURS * coefficients**2 / power**2, 0.0)
-    estimate = line + scipy.fft.idct(sigma * share * coefficients, norm="ortho")
-    return estimate, float(share.sum() + own.sum()) + 2.0
+    is_signal = power > LOUDEST
+    factor = np.where(is_signal, 1 - 1 / power, 0.0)
+    # The factor's derivative by the coefficient, times the coefficient: the neighbours' mean square holds it, too.
+    derivative = np.where(is_signal, 2 / NEIGHBOURS * coefficients**2 / power**2, 0.0)
+    estimate = line + scipy.fft.idct(sigma * factor * coefficients, norm="ortho")
+    return estimate, float(factor.sum() + derivative.sum()) + 2.0
 
 
 def _estimate_risk(rates: Array, estimate: Array, freedom: float, sigma: float) -> float:

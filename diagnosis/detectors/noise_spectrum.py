@@ -86,7 +86,7 @@ class Readout:
 
     @property
     def is_as_stated(self) -> bool:
-        """Whether the white noise is."""
+        """Whether the white noise is as stated."""
         return self.white_sigma == 0.0
 
 
@@ -108,41 +108,41 @@ def fit_noise_spectrum(
 ) -> NoiseLevel | None:
     """Fit the noise of readings x (n,), rad/s, in the largest share of the calmest blocks of some runs that shows no motion.
 
-    Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
+    Where a motion shows in all shares, the fit with the smallest sigma of the level is returned; None where no share has a fit.
     The variance of a sample is stated as `expected`, (rad/s)², with `noise_degrees` of freedom if it was estimated.
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
-    # Spikes that are too small to be found beside the motion are no level.
-    single = ~has_spike(blocks)
-    samples, blocks = samples[single], blocks[single]
-    through = find_zero_crossings(samples, float(np.sqrt(expected)))
-    if not _has_same_level(blocks[through], blocks[~through]):
-        blocks = blocks[~through]
+    # Spikes that are too small to be found beside the motion would raise the level.
+    spikeless = ~has_spike(blocks)
+    samples, blocks = samples[spikeless], blocks[spikeless]
+    crosses_zero = find_zero_crossings(samples, float(np.sqrt(expected)))
+    if not _has_same_level(blocks[crosses_zero], blocks[~crosses_zero]):
+        blocks = blocks[~crosses_zero]
     order = rank_calm_blocks(blocks)
     moving: list[NoiseLevel] = []
     for share in CALM_SHARES:
         chosen = np.sort(order[: int(share * order.size)])
         if chosen.size < FEWEST_BLOCKS:
             break
-        found = _fit_blocks(blocks[chosen, :SHOWING], expected, noise_degrees)
-        if found is not None and found.still:
-            return found
-        moving += [found] if found is not None else []
-    return min(moving, key=lambda one: one.sigma, default=None)
+        level = _fit_blocks(blocks[chosen, :SHOWING], expected, noise_degrees)
+        if level is not None and level.still:
+            return level
+        moving += [level] if level is not None else []
+    return min(moving, key=lambda fit: fit.sigma, default=None)
 
 
-def _has_same_level(some: Array, rest: Array) -> bool:
-    """Whether blocks that pass zero show the level of the rest, as those with the jumps of a dead zone do not."""
+def _has_same_level(crossing: Array, remaining: Array) -> bool:
+    """Check whether blocks that pass zero show the level of the others; with the jumps of a dead zone they do not."""
     levels: list[tuple[float, float]] = []
-    for blocks in (some, rest):
+    for blocks in (crossing, remaining):
         chosen = rank_calm_blocks(blocks)
         if chosen.size < FEWEST_BLOCKS:
-            return rest.size < some.size
+            return remaining.size < crossing.size
         fit = fit_white_noise(estimate_powers(blocks[chosen, :SHOWING]), chosen.size)
         levels.append((fit.white, fit.sigma))
-    (one, error), (other, other_error) = levels
-    return bool(abs(one - other) < SAME * np.hypot(error, other_error))
+    (crossing_level, crossing_sigma), (remaining_level, remaining_sigma) = levels
+    return bool(abs(crossing_level - remaining_level) < SAME * np.hypot(crossing_sigma, remaining_sigma))
 
 
 def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLevel | None:
@@ -164,64 +164,64 @@ def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLe
     p = float(min(1.0, 2 * min(compute_chi2_p(chi2, dof, noise_degrees), smaller)))
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
-    free = SHOWING * count
-    rising = float(scipy.special.chdtrc(free, free + fit.rise * np.sqrt(2 * free)))
+    squares = SHOWING * count
+    rising = float(scipy.special.chdtrc(squares, squares + fit.rise * np.sqrt(2 * squares)))
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
 
 def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:
     """Fit readout noise, beside any motion, if that explains powers (k,), (rad/s)², nearly as well as white noise or better."""
-    even, fits, free = np.ones(powers.size), FITS, powers.size - 2
-    _, _, white_chi2 = _fit_parts(powers / errors, errors, [even])
-    square, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
-    both, sigmas, both_chi2 = _fit_parts(powers / errors, errors, [READ_OUT, even])
+    white, dof = np.ones(powers.size), powers.size - 2
+    _, _, white_chi2 = _fit_parts(powers / errors, errors, [white])
+    reading_variance, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
+    both, sigmas, both_chi2 = _fit_parts(powers / errors, errors, [READ_OUT, white])
     needed = (np.abs(both - [0.0, expected]) > CLEAR * sigmas).all() and (both > 0).all()
-    if needed and scipy.special.chdtrc(free, white_chi2) < fits < scipy.special.chdtrc(free - 1, both_chi2):
+    if needed and scipy.special.chdtrc(dof, white_chi2) < FITS < scipy.special.chdtrc(dof - 1, both_chi2):
         return _make_readout(both[0], sigmas[0], both[1], sigmas[1], float(expit(0.5 * (white_chi2 - both_chi2))))
-    if square[0] > 0 and chi2 < white_chi2 + UNDECIDED and scipy.special.chdtrc(free, chi2) > fits:
-        return _make_readout(square[0], error[0], expected, 0.0, float(expit(0.5 * (white_chi2 - chi2))))
+    if reading_variance[0] > 0 and chi2 < white_chi2 + UNDECIDED and scipy.special.chdtrc(dof, chi2) > FITS:
+        return _make_readout(reading_variance[0], error[0], expected, 0.0, float(expit(0.5 * (white_chi2 - chi2))))
     return None
 
 
-def _make_readout(square: float, error: float, white: float, white_sigma: float, probability: float) -> Readout:
-    size = float(np.sqrt(square))
+def _make_readout(reading_variance: float, error: float, white: float, white_sigma: float, probability: float) -> Readout:
+    size = float(np.sqrt(reading_variance))
     return Readout(size, 0.5 * float(error) / size, float(white), float(white_sigma), probability)
 
 
-def _fit_parts(seen: Array, errors: Array, parts: list[Array]) -> tuple[Array, Array, float]:
-    """Fit parts (k,) of a spectrum, and a motion if one shows, to powers in their errors; sizes, sigmas, and χ² of the rest."""
+def _fit_parts(powers: Array, errors: Array, parts: list[Array]) -> tuple[Array, Array, float]:
+    """Fit parts (k,) of a spectrum, and a motion if one shows, to powers in units of their errors; sizes, sigmas and χ²."""
     for columns in ([*parts, OF_MOTION], parts):
         design = np.column_stack(columns) / errors[:, None]
         covariance = np.linalg.inv(design.T @ design)
-        found, sigmas = covariance @ design.T @ seen, np.sqrt(np.diag(covariance))
-        if found[-1] > MOVING * sigmas[-1]:
+        sizes, sigmas = covariance @ design.T @ powers, np.sqrt(np.diag(covariance))
+        if sizes[-1] > MOVING * sigmas[-1]:
             break
-    return found[: len(parts)], sigmas[: len(parts)], float(np.sum((seen - design @ found) ** 2))
+    return sizes[: len(parts)], sigmas[: len(parts)], float(np.sum((powers - design @ sizes) ** 2))
 
 
-def cut_blocks(parts: list[Array]) -> Array:
-    """(b, samples + order) samples of the same blocks."""
+def cut_blocks(runs: list[Array]) -> Array:
+    """Cut runs of samples into blocks (b, SAMPLES + ORDER); the differences of a block are SAMPLES many."""
     windows, length = np.lib.stride_tricks.sliding_window_view, SAMPLES + ORDER
-    found = [windows(part, length)[::SAMPLES] for part in parts if part.size >= length]
-    return np.concatenate([np.empty((0, length)), *found])
+    blocks = [windows(run, length)[::SAMPLES] for run in runs if run.size >= length]
+    return np.concatenate([np.empty((0, length)), *blocks])
 
 
 def find_zero_crossings(samples: Array, sigma: float) -> Mask:
-    """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
+    """Mark the blocks (b,) whose readings move through zero or set out from there, where a dead zone makes jumps."""
     smooth = samples - np.diff(samples, ORDER, axis=1) @ WHITE_COSINES[:SHOWING].T @ BACK
-    at_zero = (smooth.min(axis=1) < AT_ZERO * sigma) & (smooth.max(axis=1) > -AT_ZERO * sigma)
-    return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma))
+    reaches_zero = (smooth.min(axis=1) < AT_ZERO * sigma) & (smooth.max(axis=1) > -AT_ZERO * sigma)
+    return np.asarray(reaches_zero & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma))
 
 
 def has_spike(blocks: Array) -> Mask:
-    """(b,) blocks in which one sample is far off its neighbours, as no motion makes it: of white noise one in 4000."""
+    """Mark the blocks (b,) in which one sample is far off its neighbours, as no motion makes it: of white noise one in 4000."""
     power = np.median(blocks[:, : SAMPLES // 2] ** 2) / MEDIAN_SQUARE if len(blocks) else 0.0
     limit = SPIKE * np.sqrt(power * np.sum(BACK**2, axis=0))
     return np.asarray((np.abs(blocks[:, :SHOWING] @ BACK) > limit).any(axis=1))
 
 
 def rank_calm_blocks(blocks: Array) -> Indices:
-    """Blocks in the order of their slow power, the calmest first, without those that are far from calm."""
+    """Rank the blocks by their slow power, the calmest first; indices without the blocks that are far from calm."""
     slow = blocks[:, SHOWING:] ** 2
     if not len(slow):
         return np.zeros(0, dtype=np.intp)
@@ -231,16 +231,16 @@ def rank_calm_blocks(blocks: Array) -> Indices:
 
 
 def estimate_powers(blocks: Array) -> Array:
-    """(k,) mean squares over the blocks, P_k, without those that are far out; zero where most are."""
+    """Estimate the mean squares P_k (k,) over the blocks without far outliers; zero where most squares are zero."""
     squares = blocks**2
     power = np.median(squares, axis=0) / MEDIAN_SQUARE
-    before: Mask | None = None
+    previous: Mask | None = None
     for _ in range(ROUNDS):
-        kept = squares < CUT * power
-        if before is not None and np.array_equal(kept, before):
+        is_inlier = squares < CUT * power
+        if previous is not None and np.array_equal(is_inlier, previous):
             break
-        before = kept
-        power = np.sum(squares * kept, axis=0) / np.maximum(kept.sum(axis=0), 1) / _KAPPA
+        previous = is_inlier
+        power = np.sum(squares * is_inlier, axis=0) / np.maximum(is_inlier.sum(axis=0), 1) / _KAPPA
     return np.asarray(power)
 
 
@@ -257,22 +257,22 @@ class WhiteNoiseFit:
 
 
 def fit_white_noise(powers: Array, blocks: int) -> WhiteNoiseFit:
-    """White noise that explains the powers of so many blocks, in units of what is stated, and readout noise beside that."""
+    """Fit white noise and a weak motion to the mean powers (k,) of `blocks` blocks, in units of the stated variance."""
     variance = SPREAD / blocks
     white, motion = _LEVEL @ (_DESIGN.T @ powers)
-    left = powers - _DESIGN @ np.array([white, motion])
-    fits = white > 0 and scipy.special.chdtrc(SHOWING - 2, float(left @ left) / (variance * white**2)) > FITS
+    residuals = powers - _DESIGN @ np.array([white, motion])
+    fits = white > 0 and scipy.special.chdtrc(SHOWING - 2, float(residuals @ residuals) / (variance * white**2)) > FITS
     still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
-    error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
-    return WhiteNoiseFit(float(white), error, bool(fits), bool(still), of_motion, rise)
+    error, mean_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
+    return WhiteNoiseFit(float(white), error, bool(fits), bool(still), mean_motion, rise)
 
 
 def compute_broadband_share(powers: Array, expected: float) -> float:
-    """Share of powers (k,) above the expected variance that is left beside any third of the spectrum, if it were even in it.
+    """Compute the ratio of the mean excess of powers (k,) outside their strongest third to that of all, beside the expected.
 
-    It is one of white noise and 0.77 of readout noise, which have it everywhere. What has it in one band, as a body that shakes
-    with its wheels or its appendages, leaves less than 0.2, which the ends of the blocks spread.
+    The ratio is one for white noise and 0.77 for readout noise. A body that shakes with its wheels or its appendages has its
+    excess in one band; the ratio is then below 0.2, which the ends of the blocks spread.
     """
     above = powers / expected - 1
     inside = np.convolve(above, np.ones(BAND), "valid")
@@ -280,42 +280,45 @@ def compute_broadband_share(powers: Array, expected: float) -> float:
 
 
 def smooth_errors(powers: Array, blocks: int) -> Array:
-    """(k,) standard errors of the powers, from powers smoothed by all three parts."""
+    """Estimate the standard errors (k,) of the powers, from powers smoothed by white noise, readout noise and motion."""
     design = np.column_stack([np.ones(SHOWING), READ_OUT, OF_MOTION])
     smooth = design @ np.linalg.lstsq(design, powers, rcond=None)[0]
     return np.asarray(np.maximum(smooth, 0.2 * powers.mean()) * np.sqrt(SPREAD / blocks))
 
 
 def is_even(blocks: Array) -> bool:
-    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
+    """Check whether the blocks' powers scatter as those of white noise; jerks of a motion in some of them scatter more.
 
     Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
     p (1 − q)/(n f_p f_q).
     """
     power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
-    at = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
-    low, high = np.quantile(power, QUANTILES) / at
-    (p, q), (a, b) = QUANTILES, 1 / (at * _compute_chi2_density(at, dof))
+    chi2_quantiles = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
+    low, high = np.quantile(power, QUANTILES) / chi2_quantiles
+    (p, q), (a, b) = QUANTILES, 1 / (chi2_quantiles * _compute_chi2_density(chi2_quantiles, dof))
     error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
     return bool(high < (1 + EVEN * error) * low)
 
 
 def _build_difference_covariance(order: int) -> Array:
-    """(samples, samples) of differences of white noise of unit variance."""
+    """Build the covariance (SAMPLES, SAMPLES) of differences of white noise of unit variance."""
     kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
     lags = np.correlate(kernel, kernel, "full")[order:]
     return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(SAMPLES - lags.size))))
 
 
 def _build_white_cosines() -> Array:
-    """(samples − slowest, samples) from differences to coefficients, downward, that are independent under white noise."""
+    """Build the matrix (SAMPLES − SLOWEST, SAMPLES) from differences to coefficients that are independent under white noise.
+
+    The coefficients run from the highest frequency down.
+    """
     cosines = scipy.fft.dct(np.eye(SAMPLES), axis=0, norm="ortho")[SLOWEST:][::-1]
     factor = np.linalg.cholesky(cosines @ _build_difference_covariance(ORDER) @ cosines.T)
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
 def _compute_process_power(order: int) -> Array:
-    """(showing,) power of each of a process whose differences of the given order white noise has in those of the sixth."""
+    """Compute the powers (SHOWING,) of a process whose differences of order ORDER are white noise's of the given order."""
     return np.diag(WHITE_COSINES @ _build_difference_covariance(order) @ WHITE_COSINES.T)[:SHOWING].copy()
 
 
@@ -326,7 +329,7 @@ def _compute_chi2_density(x: Array | float, dof: int) -> Array:
 
 
 def _compute_truncation_factors() -> tuple[float, float]:
-    """κ and V of the mean of the squares below CUT."""
+    """Compute κ and V of the mean of the squares below CUT."""
     f1, f3, f5 = (float(scipy.special.chdtr(n, CUT)) for n in (1, 3, 5))
     kappa = f3 / f1
     slope = f3 - (CUT - kappa) * CUT * float(_compute_chi2_density(CUT, 1))

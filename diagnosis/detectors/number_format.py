@@ -93,9 +93,9 @@ def find_lattice_step(x: Array) -> float:
             step = float(counts @ chosen / (counts @ counts))
     deviation = np.abs(values / step - np.round(values / step))
     allowed = EXACT + PRINTED * np.abs(values / step)
-    informative = allowed < MOST_ALLOWED
-    printed = informative.sum() >= FEWEST_INFORMATIVE and bool((deviation < allowed)[informative].all())
-    return step if deviation.max() < EXACT or printed else 0.0
+    is_informative = allowed < MOST_ALLOWED
+    is_printed = is_informative.sum() >= FEWEST_INFORMATIVE and bool((deviation < allowed)[is_informative].all())
+    return step if deviation.max() < EXACT or is_printed else 0.0
 
 
 def measure_runs(x: Array, follows: Mask) -> Array:

@@ -1,4 +1,4 @@
-"""Whether the references' white noise is what is stated, from second differences of the residuals of a series.
+"""Test whether the references' white noise is as stated, by second differences of the residuals of a series.
 
 Second differences of three references at even spacing Δt leave nothing of slow errors, whatever their cause. Under M0 their
 variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
@@ -7,9 +7,9 @@ correlate by (−4/6, 1/6), so that the variance of the mean square of n of them
 A strong random error of the gyro's rate from one reference to the next makes them larger as well. Second differences of every
 other reference tell which it is: the references' part is the same in them, and that of the angle turned is twice as large.
 
-An error that follows a fast motion, such as late tags make, is as large from one reference to the next and no noise. Where they
-are odd, second differences of what errors of the rates would do that are proportional to them, to their sizes, squares or
-changes, or that drift, are taken out by least squares first; an excess that these explain is none.
+An error that follows a fast motion, such as late tags make, is as large from one reference to the next and no noise. Where the
+differences depart from the stated noise, those of attitude errors that follow the motion are subtracted first by least squares:
+errors proportional to the rates, to their sizes, squares or changes, and drifts. An excess that these explain is no noise.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FEWEST = 40  # second differences, below which nothing is said
 # and white noise of the gyros that is as large would show in the samples as a rule.
 UNLIKELY = -3.0
 OF_EACH = 4  # second differences for each error that is fitted to them, at least
-# factor, down to which it is told; the less the better it is known
+# least factor that is stated: the smaller, the smaller its error
 LEAST = 0.01
 FAINTEST = 1e-9
 ROUNDS = 3  # of a fit whose large residuals do not count
@@ -70,13 +70,13 @@ class ReferenceNoise:
         return self.p_value < self.event_p and not self.of_gyro
 
     @property
-    def odd(self) -> bool:
-        """Whether the level is not that of stated white noise."""
+    def is_unusual(self) -> bool:
+        """Whether the level is not that of the stated white noise, by errors of the references or of the angle turned."""
         return self.p_value < self.event_p
 
     @property
     def factors(self) -> Array:
-        """(3,) what to multiply the stated sigma with."""
+        """Factors (3,) of the stated sigma; one unless the references' noise departs."""
         if not self.departs:
             return np.ones(3)
         if self.axis is None:
@@ -101,45 +101,45 @@ def estimate_reference_noise(
 ) -> ReferenceNoise | None:
     """Test the references' noise beside noise of the gyros of densities (3,), rad²/s; None without a series of references.
 
-    The part of attitude errors (m, 3, k) about inertial axes that follow the motion is taken out.
+    The part of the k attitude errors `motion` (m, 3, k), rad about inertial axes, that follow the motion is subtracted.
     """
-    found, wider = (_find_differences(series, density, motion, apart) for apart in (1, 2))
-    if len(found.values) < FEWEST or not np.all(found.stated > 0):
+    differences, wider = (_find_differences(series, density, motion, spacing) for spacing in (1, 2))
+    if len(differences.values) < FEWEST or not np.all(differences.stated > 0):
         return None
-    z = found.values / np.sqrt(found.stated + found.walk)
+    z = differences.values / np.sqrt(differences.stated + differences.walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
-    kept = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / NORMAL
-    factor, sigma, p, axis = _estimate_factors(found, kept)
+    is_inlier = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / NORMAL
+    factor, sigma, p, axis = _estimate_factors(differences, is_inlier)
     if p >= settings.sample_event:
         return ReferenceNoise(factor, sigma, p, axis, settings.sample_event)
     axes = np.arange(3) if axis is None else np.array([axis])
     of_gyro = False
     if np.any(factor > 1):  # log odds of an excess of the references against one of the angle turned, of two spacings
-        off = [_compare_spacings(found, wider, int(one)) for one in axes]
-        of_gyro = sum(0.5 * (of_angle - of_references) for of_references, of_angle in off) < UNLIKELY
-    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _test_white_normal(found, wider, axes))
+        chi2 = [_compare_spacings(differences, wider, int(k)) for k in axes]
+        of_gyro = sum(0.5 * (of_angle - of_references) for of_references, of_angle in chi2) < UNLIKELY
+    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _test_white_normal(differences, wider, axes))
 
 
-def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tuple[float, float]:
-    """χ² with one degree of freedom of white errors of the references, and of the angle turned, of the size that is seen.
+def _compare_spacings(differences: Differences, wider: Differences, axis: int) -> tuple[float, float]:
+    """Compute the χ² with one degree of freedom that the excess is white errors of the references, and of the angle turned.
 
     An excess of either that explains the mean square of one spacing predicts that of the other. The logarithm of a mean square
     of n differences has the variance 2 (1 + 2 Σρ²)/n. With few differences both fit.
     """
     squares, stated, walks, counts = [], [], [], []
-    for one in (found, wider):
-        values = one.values[:, axis]
+    for spaced in (differences, wider):
+        values = spaced.values[:, axis]
         if values.size < FEWEST:
             return 0.0, 0.0
-        kept = np.abs(values) < TRIM * np.median(np.abs(values)) / NORMAL
-        squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
-        stated.append(float(np.mean(one.stated[:, axis])))
-        walks.append(float(np.mean(one.walk[:, axis])))
+        is_inlier = np.abs(values) < TRIM * np.median(np.abs(values)) / NORMAL
+        squares.append(float(np.mean(values[is_inlier] ** 2)) / TRIMMED)
+        stated.append(float(np.mean(spaced.stated[:, axis])))
+        walks.append(float(np.mean(spaced.walk[:, axis])))
         counts.append(values.size)
     of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
     of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
-    off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
-    first, second = off / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
+    square_errors = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
+    first, second = square_errors / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
     return float(first), float(second)
 
 
@@ -158,66 +158,67 @@ def _test_white_normal(differences: Differences, wider: Differences, axes: Indic
     return min(1.0, 2 * min(spacing_p, outlier_p))
 
 
-def _find_differences(series: ReferenceSeries, density: Array, motion: Array | None, apart: int) -> Differences:
-    """Find the second differences of each reference or of every other one, without the part that follows a motion."""
-    found = _compute_second_differences(series, density, apart)
+def _find_differences(series: ReferenceSeries, density: Array, motion: Array | None, spacing: int) -> Differences:
+    """Compute the second differences of references `spacing` apart, without the part that follows a motion."""
+    differences = _compute_second_differences(series, density, spacing)
     if motion is None:
-        return found
-    each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
-    return _remove_motion_errors(found, [_compute_second_differences(one, density, apart) for one in each])
+        return differences
+    errors = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
+    return _remove_motion_errors(differences, [_compute_second_differences(single, density, spacing) for single in errors])
 
 
-def _compute_second_differences(series: ReferenceSeries, density: Array, apart: int) -> Differences:
-    """Those of three references at even spacing in one interval, no gap between them; of each one or of every other."""
+def _compute_second_differences(series: ReferenceSeries, density: Array, spacing: int) -> Differences:
+    """Compute second differences of references `spacing` apart, evenly spaced in one interval without a gap."""
     t_s, owner = series.t_s, series.interval
-    before, after = t_s[apart:-apart] - t_s[: -2 * apart], t_s[2 * apart :] - t_s[apart:-apart]
-    spacings = [np.diff(t_s[owner == k]) for k in range(owner.max(initial=-1) + 1)]
-    usual = np.array([np.median(spacing) if spacing.size else np.inf for spacing in spacings])
-    near = before <= 2.5 * apart * usual[owner[apart:-apart]]
-    even = (owner[2 * apart :] == owner[: -2 * apart]) & (np.abs(before - after) <= 0.01 * before) & near
-    k = apart + np.flatnonzero(even)
-    # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
+    before_s, after_s = t_s[spacing:-spacing] - t_s[: -2 * spacing], t_s[2 * spacing :] - t_s[spacing:-spacing]
+    spacings_s = [np.diff(t_s[owner == k]) for k in range(owner.max(initial=-1) + 1)]
+    median_s = np.array([np.median(spacing_s) if spacing_s.size else np.inf for spacing_s in spacings_s])
+    is_gapless = before_s <= 2.5 * spacing * median_s[owner[spacing:-spacing]]
+    is_even = (owner[2 * spacing :] == owner[: -2 * spacing]) & (np.abs(before_s - after_s) <= 0.01 * before_s) & is_gapless
+    k = spacing + np.flatnonzero(is_even)
+    # ζ of neighbours differ by the references' errors; A rotates them to the body axes of the middle one.
     zeta = series.residuals
     A = series.to_inertial[k].transpose(0, 2, 1)
     # The body turns between references; where it turns far, axes mix and σ differs between them.
     turned = series.to_inertial if series.error_axes is None else series.to_inertial @ series.error_axes
     stated = sum(
         weight * np.einsum("mij,mj->mi", (A @ turned[k + shift]) ** 2, series.sigma[k + shift] ** 2)
-        for weight, shift in ((1, -apart), (4, 0), (1, apart))
+        for weight, shift in ((1, -spacing), (4, 0), (1, spacing))
     )
     return Differences(
-        values=np.einsum("mij,mj->mi", A, zeta[k + apart] - 2 * zeta[k] + zeta[k - apart]),
+        values=np.einsum("mij,mj->mi", A, zeta[k + spacing] - 2 * zeta[k] + zeta[k - spacing]),
         stated=np.asarray(stated),
-        walk=2 * density * before[k - apart, None],
+        walk=2 * density * before_s[k - spacing, None],
     )
 
 
-def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Differences:
-    """Differences without what is explained by those of some errors, as large on the whole as noise is that is fitted so."""
-    scale = np.sqrt(found.stated + found.walk)
-    z = found.values / scale
-    X = np.stack([one.values / scale for one in motion], axis=-1)
+def _remove_motion_errors(differences: Differences, motion: list[Differences]) -> Differences:
+    """Subtract the fit of some errors' differences; the residuals are scaled up for the fitted degrees of freedom."""
+    scale = np.sqrt(differences.stated + differences.walk)
+    z = differences.values / scale
+    X = np.stack([error.values / scale for error in motion], axis=-1)
     X = X / np.maximum(np.linalg.norm(X, axis=(0, 1)), 1e-300)
-    left = z
+    residuals = z
     for _ in range(ROUNDS):
-        used = np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / NORMAL
-        if used.sum() < OF_EACH * len(motion):
-            return found
-        amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)
-        left = z - X @ amplitudes
-    return replace(found, values=left * scale * np.sqrt(used.sum() / (used.sum() - rank)))
+        is_inlier = np.abs(residuals) < TRIM * np.median(np.abs(residuals), axis=0) / NORMAL
+        if is_inlier.sum() < OF_EACH * len(motion):
+            return differences
+        amplitudes, _, rank, _ = np.linalg.lstsq(X[is_inlier], z[is_inlier], rcond=1e-9)
+        residuals = z - X @ amplitudes
+    return replace(differences, values=residuals * scale * np.sqrt(is_inlier.sum() / (is_inlier.sum() - rank)))
 
 
-def _estimate_factors(found: Differences, kept: Mask) -> tuple[Array, Array, float, int | None]:
-    """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone.
+def _estimate_factors(differences: Differences, is_inlier: Mask) -> tuple[Array, Array, float, int | None]:
+    """Estimate actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs
+    alone.
 
-    One does if the others are as stated, or are rather that than all are too large by one factor.
+    One axis departs alone if the others are as stated, or fit that better than one common factor of all three.
     """
-    sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / TRIMMED
-    stated = np.sum(np.where(kept, found.stated, 0.0), axis=0)
-    walk = np.sum(np.where(kept, found.walk, 0.0), axis=0)
-    relative = np.sqrt(2 * CORRELATED * TRIMMING / len(found.values))
-    # What the gyros' noise may hide of a factor is no factor: it is not told below its own error.
+    sums = np.sum(np.where(is_inlier, differences.values**2, 0.0), axis=0) / TRIMMED
+    stated = np.sum(np.where(is_inlier, differences.stated, 0.0), axis=0)
+    walk = np.sum(np.where(is_inlier, differences.walk, 0.0), axis=0)
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / len(differences.values))
+    # The gyros' noise may hide a small factor: no factor is stated below its own error.
     least = np.clip(relative * sums / stated, FAINTEST**2, LEAST**2)
     factor = np.sqrt(np.maximum((sums - walk) / stated, least))
     error = 0.5 * relative * (sums / stated) / factor
@@ -225,10 +226,10 @@ def _estimate_factors(found: Differences, kept: Mask) -> tuple[Array, Array, flo
     spread = relative**2 / 9
     z = (np.cbrt(sums / (stated + walk)) - (1 - spread)) / np.sqrt(spread)
     chi2 = float(np.sum(z**2))
-    odd = int(np.argmax(np.abs(z)))
-    others = float(chi2 - z[odd] ** 2)
+    outlying = int(np.argmax(np.abs(z)))
+    other_chi2 = float(chi2 - z[outlying] ** 2)
     log, weight = np.log(factor), (factor / error) ** 2
-    common = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2))
-    as_stated = scipy.special.chdtrc(2, others) > 0.01 or others < common
-    alone = as_stated and z[odd] ** 2 > 12
-    return factor, error, max(float(scipy.special.chdtrc(3, chi2)), 1e-300), odd if alone else None
+    common_chi2 = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2))
+    as_stated = scipy.special.chdtrc(2, other_chi2) > 0.01 or other_chi2 < common_chi2
+    alone = as_stated and z[outlying] ** 2 > 12
+    return factor, error, max(float(scipy.special.chdtrc(3, chi2)), 1e-300), outlying if alone else None

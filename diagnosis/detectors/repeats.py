@@ -60,9 +60,9 @@ class Repeats:
 
 
 def find_repeats(rates: Array, follows: Mask) -> Repeats | None:
-    """Find samples of rates (n, 3) that repeat the one before on all axes; None where nothing can be told.
+    """Find samples of rates (n, 3) that repeat the one before on all axes; None where faults and chance look the same.
 
-    Samples that directly follow one of the same interval, `follows` (n,), are judged.
+    Only samples that directly follow one of the same interval, `follows` (n,), are tested.
     """
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
@@ -92,40 +92,42 @@ def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]
         return count / joint.size, IMPOSSIBLE if count >= 3 else 1.0
 
     def compute_log_likelihood(log_share: float) -> float:
-        """Log likelihood of which samples repeat, if a share of them repeats by a fault and others by chance."""
+        """Compute the log likelihood of the repeats if a share of the samples repeats by faults and others by chance."""
         share = np.exp(log_share)
         p_repeat = share + (1 - share) * chance
         return float(np.sum(np.log(np.where(joint, p_repeat, 1 - p_repeat))))
 
-    found = scipy.optimize.minimize_scalar(
+    fit = scipy.optimize.minimize_scalar(
         lambda x: -compute_log_likelihood(x), bounds=(np.log(0.1 / joint.size), np.log(0.99)), method="bounded"
     )
-    share = float(np.exp(found.x))
-    none = float(np.sum(np.log(np.where(joint, chance, 1 - chance))))
-    # An error of the number of repeats by chance takes its part of the evidence.
-    shrunk = 1 / (1 + sigma**2 / max(float(np.sum(chance * (1 - chance))), 1e-300))
-    ratio = max(-float(found.fun) - none, 0.0) * shrunk
+    share = float(np.exp(fit.x))
+    without_faults = float(np.sum(np.log(np.where(joint, chance, 1 - chance))))
+    # An error of the number of repeats by chance reduces the evidence.
+    weight = 1 / (1 + sigma**2 / max(float(np.sum(chance * (1 - chance))), 1e-300))
+    ratio = max(-float(fit.fun) - without_faults, 0.0) * weight
     return share, max(0.5 * float(scipy.special.chdtrc(1, 2 * ratio)), IMPOSSIBLE)
 
 
 def _compute_chance(equal: Mask, rates: Array, follows: Mask) -> Array:
-    """(n,) probability that all axes repeat by chance."""
+    """Compute the probability (n,) that all axes repeat by chance."""
     n = len(rates)
     after, before = np.minimum(np.arange(n) + SIDE, n - 1), np.maximum(np.arange(n) - SIDE - 1, 0)
     change = np.abs(rates[after] - rates[before])
     others = follows & ~equal.all(axis=1)
     shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k]) for k in range(equal.shape[1])])
     C = _solve_product(shares)
-    each = shares * (1 - C)[:, None] + C[:, None]
-    found, best = each.prod(axis=1), TIED
+    by_axis = shares * (1 - C)[:, None] + C[:, None]
+    joint, best = by_axis.prod(axis=1), TIED
     for axis in range(equal.shape[1]):
-        pair, lone = np.asarray(np.delete(equal, axis, axis=1).all(axis=1)), follows & ~equal[:, axis]
-        together = _average_alike(pair, lone, np.delete(change, axis, axis=1).max(axis=1))
-        apart = np.delete(each, axis, axis=1).prod(axis=1)
-        gain = _compute_log_likelihood(pair[lone], together[lone]) - _compute_log_likelihood(pair[lone], apart[lone])
+        pair, third_differs = np.asarray(np.delete(equal, axis, axis=1).all(axis=1)), follows & ~equal[:, axis]
+        dependent = _average_alike(pair, third_differs, np.delete(change, axis, axis=1).max(axis=1))
+        independent = np.delete(by_axis, axis, axis=1).prod(axis=1)
+        gain = _compute_log_likelihood(pair[third_differs], dependent[third_differs]) - _compute_log_likelihood(
+            pair[third_differs], independent[third_differs]
+        )
         if gain > best:
-            found, best = each[:, axis] * together, gain
-    return np.asarray(np.minimum(found, MOST_CHANCE))
+            joint, best = by_axis[:, axis] * dependent, gain
+    return np.asarray(np.minimum(joint, MOST_CHANCE))
 
 
 def _compute_log_likelihood(event: Mask, chance: Array) -> float:
@@ -134,18 +136,18 @@ def _compute_log_likelihood(event: Mask, chance: Array) -> float:
 
 
 def _average_alike(repeats: Mask, where: Mask, change: Array) -> Array:
-    """(n,) share of repeats among the other samples of a mask that are near in time and whose rate changes as fast."""
+    """Compute the share (n,) of repeats among the other samples of a mask near in time whose rate changes as fast."""
     share = np.zeros(repeats.size)
     for part in np.array_split(np.arange(repeats.size), max(1, repeats.size // NEARBY)):
         order = part[np.argsort(change[part], kind="stable")]
-        all_of_them, own = _count(where[order], ALIKE), _count((repeats & where)[order], ALIKE)
+        samples, repeated = _count(where[order], ALIKE), _count((repeats & where)[order], ALIKE)
         # Where nearly all samples repeat on all axes, nothing shows that chance does not do it.
-        share[order] = np.where(all_of_them < FEWEST_ALIKE, 1.0, own / np.maximum(all_of_them, 1.0))
+        share[order] = np.where(samples < FEWEST_ALIKE, 1.0, repeated / np.maximum(samples, 1.0))
     return share
 
 
 def _solve_product(shares: Array) -> Array:
-    """(n,) C = ∏ (e (1 − C) + C) of shares e (n, 3)."""
+    """Solve C = ∏ (e (1 − C) + C) for C (n,), with the shares e (n, 3)."""
     C = np.prod(shares, axis=1)
     for _ in range(30):
         C = np.prod(shares * (1 - C)[:, None] + C[:, None], axis=1)
@@ -153,7 +155,7 @@ def _solve_product(shares: Array) -> Array:
 
 
 def _count(mask: Mask, width: int) -> Array:
-    """(n,) number of samples in a window around each, without itself."""
+    """Count the marked samples (n,) in a window around each sample, without itself."""
     values = mask.astype(float)
     return np.asarray(width * scipy.ndimage.uniform_filter1d(values, width, mode="nearest") - values)
 
@@ -195,14 +197,15 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
 
 
 def is_measured(rates: Array, repeated: Mask) -> bool:
-    """Tell whether the values that repeat lie among their neighbours, as samples held over do and filler does not."""
+    """Check whether the values that repeat lie among their neighbours, as samples held over do and filler does not."""
     edges = [(low, high) for low, high in find_mask_runs(repeated) if low >= 3 and high + 1 < len(rates)]
     if not edges:
         return True
     low, high = np.array(edges).T
     source, before, after = rates[low - 1], rates[low - 2], rates[high]
     share = 1.0 / (high - low + 2)[:, None]
-    departure = np.abs(source - ((1 - share) * before + share * after))
+    departure = np.abs(source - (before + share * (after - before)))
     noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
-    change = np.abs(after - before)
-    return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
+    # On a lattice coarser than the noise both terms may be zero; a value equal to its neighbours has no departure then.
+    limit = np.maximum(np.maximum(FAR * noise, np.abs(after - before)), 1e-300)
+    return bool(np.median((departure / limit).max(axis=1)) < 1)

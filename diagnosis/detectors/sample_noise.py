@@ -1,9 +1,10 @@
 """Estimate the noise of a sample of each gyro, and find the symptoms where it is not white noise as stated.
 
-`measure_noise` compares the fit of each gyro's spectrum (`diagnosis.detectors.noise_spectrum`) with the stated noise. Noise of
-which all three gyros have too much by one factor is of one kind, and the log odds of white against readout noise are added over
-the gyros. Too much power in one band of the spectrum is no noise, but a body that shakes with its wheels or its appendages.
-`estimate_local_noise` and `find_quiet_samples` give the tests for outliers and lines a robust level and the samples at rest.
+`measure_noise` compares the fit of each gyro's spectrum (`diagnosis.detectors.noise_spectrum`) with the stated noise. If the
+noise of all three gyros is too large by one factor, it is of one kind, and the log odds of readout against white noise are
+added over the gyros. An excess in one band of the spectrum is no noise, but a body that shakes with its wheels or its
+appendages. `estimate_local_noise` and `find_quiet_samples` give the tests for outliers and lines a robust level and the samples
+at rest.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ def measure_noise(stream: Stream, lattices: Lattices, lines: Sequence[Line], eve
         for axis, noise in factors.items()
     )  # fmt: skip
     departing = {axis: noise for axis, noise in factors.items() if noise.p_value < event_p}
-    symptoms, density = _describe(stream, departing, event_p)
+    symptoms, density = _build_symptoms(stream, departing, event_p)
     factor = np.array([departing[axis].value if axis in departing else 1.0 for axis in range(3)])
     return Findings(tests, tuple(symptoms)), factor, density
 
@@ -109,93 +110,96 @@ def measure_noise(stream: Stream, lattices: Lattices, lines: Sequence[Line], eve
 def _measure_axis(
     stream: Stream, axis: int, measured: Mask, lattices: Lattices, lines: Sequence[Line], event_p: float
 ) -> NoiseFactor | None:
-    """Measure the noise of one axis; None where its readings show none whose level could be told."""
+    """Measure the noise of one axis; None where its readings do not show the level."""
     sigma, step, coarse = stream.sigma, float(lattices.steps[axis]), bool(lattices.coarse[axis])
     expected = sigma**2 + (step**2 / 12 if coarse else 0.0)
-    x, shown = _remove_lines(stream, axis, measured, lines)
+    x, is_usable = _remove_lines(stream, axis, measured, lines)
     if lattices.may_bias[axis]:
-        shown = shown & _is_off_zero(x, step, sigma)
+        is_usable = is_usable & _is_off_zero(x, step, sigma)
     gyro = stream.recording.gyro
     degrees = gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else np.inf
-    level = fit_noise_spectrum(x, stream.find_arcs(shown), expected, degrees)
+    level = fit_noise_spectrum(x, stream.find_arcs(is_usable), expected, degrees)
     if level is None or (coarse and level.variance < RESOLVED * step**2):
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))
-    p, rough = max(level.p_value, IMPOSSIBLE), coarse and step > DITHERED * sigma
-    in_one_band = p < event_p and factor > 1 and compute_broadband_share(level.powers, expected) < ELSEWHERE
+    p, is_rough = max(level.p_value, IMPOSSIBLE), coarse and step > DITHERED * sigma
+    is_one_band = p < event_p and factor > 1 and compute_broadband_share(level.powers, expected) < ELSEWHERE
     # Rounding to a few noise sigmas is not uniform noise.
-    if in_one_band or (rough and abs(factor - 1) < SLACK):
+    if is_one_band or (is_rough and abs(factor - 1) < SLACK):
         p = 1.0
-    readout = level.readout if factor > 1 and not rough else None
+    readout = level.readout if factor > 1 and not is_rough else None
     bound = 0.5 * UNDECIDED
-    odds = -bound if readout is None else max(float(logit(readout.probability)), -bound)
-    return NoiseFactor(factor, 0.5 * level.sigma / sigma**2 / factor, p, readout, odds)
+    log_odds = -bound if readout is None else max(float(logit(readout.probability)), -bound)
+    return NoiseFactor(factor, 0.5 * level.sigma / sigma**2 / factor, p, readout, log_odds)
 
 
 def _remove_lines(stream: Stream, axis: int, measured: Mask, lines: Sequence[Line]) -> tuple[Array, Mask]:
-    """Remove lines from the readings of one axis (n,), and choose the samples (n,) in which none is left."""
-    x, shown = stream.rates[:, axis].copy(), measured
+    """Remove lines from the readings of one axis (n,), rad/s; also mark the samples (n,) in which no line remains."""
+    x, is_usable = stream.rates[:, axis].copy(), measured
     for line in lines:
         x -= line.waveform
         # A line that is this fast is in the blocks of the spectrum, where it could not be removed.
         if line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY:
-            shown = shown & (line.waveform != 0.0)
-    return x, shown
+            is_usable = is_usable & (line.waveform != 0.0)
+    return x, is_usable
 
 
 def _is_off_zero(x: Array, step: float, sigma: float) -> Mask:
-    """Tell samples around which all readings are far from zero, where cutting toward zero is rounding down."""
+    """Mark the samples (n,) around which all readings are far from zero, where cutting toward zero is rounding down."""
     middle = scipy.ndimage.uniform_filter1d(x, HALF, mode="nearest")
-    near = np.abs(middle) < OFF_ZERO * sigma + 2 * step
-    return np.asarray(~scipy.ndimage.binary_dilation(near, iterations=HALF))
+    is_near_zero = np.abs(middle) < OFF_ZERO * sigma + 2 * step
+    return np.asarray(~scipy.ndimage.binary_dilation(is_near_zero, iterations=HALF))
 
 
-def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tuple[list[Symptom], Array]:
-    """Describe noise that is not as stated: white or readout noise; also (3,) the factor of the noise density."""
+def _build_symptoms(stream: Stream, departing: dict[int, NoiseFactor], event_p: float) -> tuple[list[Symptom], Array]:
+    """Build the symptoms of noise that is not as stated, white or readout noise; also the factors (3,) of the noise density."""
     density = np.ones(3)
-    together = len(odd) == 3 and all(one.value > 1 for one in odd.values()) and _has_one_factor(list(odd.values()))
-    log_odds = {axis: sum(each.log_odds for each in odd.values()) if together else one.log_odds for axis, one in odd.items()}
+    factors = list(departing.values())
+    log_odds = {axis: factor.log_odds for axis, factor in departing.items()}
+    if len(departing) == 3 and all(factor.value > 1 for factor in factors) and _has_one_factor(factors):
+        log_odds = dict.fromkeys(departing, float(sum(factor.log_odds for factor in factors)))
     symptoms, white = list[Symptom](), list[int]()
-    for axis, one in odd.items():
-        if one.readout is not None and log_odds[axis] > 0:
-            found, density[axis] = _describe_readout(stream, axis, one, one.readout, float(expit(log_odds[axis])), event_p)
-            symptoms += found
+    for axis, factor in departing.items():
+        if factor.readout is not None and log_odds[axis] > 0:
+            probability = float(expit(log_odds[axis]))
+            described, density[axis] = _describe_readout(stream, axis, factor, factor.readout, probability, event_p)
+            symptoms += described
         else:
             white.append(axis)
-            density[axis] = one.value**2
-    common = len(white) == 3 and _has_one_factor([odd[axis] for axis in white])
+            density[axis] = factor.value**2
+    common = len(white) == 3 and _has_one_factor([departing[axis] for axis in white])
     for name, axes in [(None, white)] if common else [(AXES[axis], [axis]) for axis in white]:
-        size = float(np.mean([odd[axis].value for axis in axes]))
-        error = float(np.sqrt(np.mean([odd[axis].sigma ** 2 for axis in axes]) / len(axes)))
+        size = float(np.mean([departing[axis].value for axis in axes]))
+        error = float(np.sqrt(np.mean([departing[axis].sigma ** 2 for axis in axes]) / len(axes)))
         readout = float(expit(log_odds[axes[0]]))
         rivals = (("readout_noise", readout),) if readout > POSSIBLE else ()
-        p = min(odd[axis].p_value for axis in axes)
+        p = min(departing[axis].p_value for axis in axes)
         symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals))
     return symptoms, density
 
 
 def _has_one_factor(factors: Sequence[NoiseFactor]) -> bool:
-    """Whether the noise factors of some gyros are one."""
-    values, errors = np.array([one.value for one in factors]), np.array([one.sigma for one in factors])
-    off = (values - np.average(values, weights=1 / errors**2)) / np.maximum(errors, LEAST_ERROR)
-    return float(off @ off) < ONE_FACTOR
+    """Check whether the noise factors of some gyros are equal within their errors."""
+    values, errors = np.array([factor.value for factor in factors]), np.array([factor.sigma for factor in factors])
+    departures = (values - np.average(values, weights=1 / errors**2)) / np.maximum(errors, LEAST_ERROR)
+    return float(departures @ departures) < ONE_FACTOR
 
 
 def _describe_readout(
-    stream: Stream, axis: int, one: NoiseFactor, readout: Readout, probability: float, event_p: float
+    stream: Stream, axis: int, factor: NoiseFactor, readout: Readout, probability: float, event_p: float
 ) -> tuple[list[Symptom], float]:
-    """Describe readout noise, which adds nothing to the noise of the angle turned; white noise beside it may be another."""
+    """Build the symptoms of readout noise, which adds no noise to the angle, and of white noise; also the density factor."""
     sample_s, sigma = stream.recording.gyro.sample_s, stream.sigma
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (readout.reading, readout.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
     rivals = (("white_noise_level", 1 - probability),) if readout.is_as_stated and 1 - probability > POSSIBLE else ()
-    found = [Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, one.p_value, text, rivals=rivals)]
+    symptoms = [Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, factor.p_value, text, rivals=rivals)]
     if readout.is_as_stated:
-        return found, 1.0
+        return symptoms, 1.0
     white = float(np.sqrt(readout.white)) / sigma
     error = 0.5 * readout.white_sigma / sigma**2 / white
     p = max(float(2 * scipy.special.ndtr(-abs(white - 1) / error)), IMPOSSIBLE)
     if p < event_p:
         text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
-        found.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p, text))
-    return found, white**2
+        symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p, text))
+    return symptoms, white**2

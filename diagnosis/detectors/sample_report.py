@@ -110,7 +110,7 @@ class SampleReport:
 
 
 def mark_consecutive_samples(recording: Recording, used: Mask) -> Mask:
-    """Samples that directly follow another of the same interval."""
+    """Mark the samples that directly follow another of the same interval."""
     t = recording.gyro.t_s
     out = np.zeros(t.size, dtype=bool)
     out[1:] = (np.diff(t) < 1.5 * recording.gyro.sample_s) & used[1:] & used[:-1]
@@ -118,5 +118,5 @@ def mark_consecutive_samples(recording: Recording, used: Mask) -> Mask:
 
 
 def find_long_runs(mask: Mask) -> list[tuple[int, int]]:
-    """Unbroken runs of at least 256 samples, as slices."""
+    """Find the unbroken runs of at least 256 samples, as slices."""
     return [(low, high) for low, high in find_mask_runs(mask) if high - low >= 256]

@@ -1,4 +1,4 @@
-"""Tests that see every gyro sample: lattice, repeats, outliers, noise level, lines, zeros.
+"""Tests of every gyro sample: lattice, repeats, outliers, noise level, lines, zeros.
 
 They come before the attitude tests, since one run of repeated samples spoils those. Under M0 a reading is a smooth
 motion plus white noise with σ = ARW/√Δt and is never exactly the same twice.
@@ -52,8 +52,8 @@ def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Samp
         findings += noisy
     stream = lattices.add_noise(stream)
     return SampleReport(
-        tests=tuple(test for one in findings for test in one.tests),
-        symptoms=tuple(symptom for one in findings for symptom in one.symptoms),
+        tests=tuple(test for finding in findings for test in finding.tests),
+        symptoms=tuple(symptom for finding in findings for symptom in finding.symptoms),
         rates=stream.rates,
         density=stream.density,
         filled=stream.filled,
@@ -69,7 +69,7 @@ def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Samp
 def _examine_noise(
     stream: Stream, lattices: Lattices, settings: DiagnosisSettings
 ) -> tuple[Stream, list[Findings], tuple[Line, ...], Array]:
-    """Look for all that shows in the noise of the samples or behind it.
+    """Examine the noise of the samples: zeros, outliers, lines and the noise level.
 
     Returns the stream with outliers bridged, findings, lines, and the (3,) actual over stated noise of a sample.
     """
@@ -82,8 +82,8 @@ def _examine_noise(
     steps = np.where(coarse, lattices.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p)
     lines, tests = find_lines(stream, still, lattices.steps > HIDING * sigma, settings.line)
-    levels, factor, more = measure_noise(stream, lattices, lines, event_p)
-    return replace(stream, density=stream.density * more), [outliers, tests, levels, zeros], lines, factor
+    levels, factor, density_factor = measure_noise(stream, lattices, lines, event_p)
+    return replace(stream, density=stream.density * density_factor), [outliers, tests, levels, zeros], lines, factor
 
 
 def find_zeros(stream: Stream, lattices: Lattices) -> tuple[Findings, Mask]:
@@ -92,18 +92,18 @@ def find_zeros(stream: Stream, lattices: Lattices) -> tuple[Findings, Mask]:
     Zeros beside readings that are as good as zero are no exception, and a number format has zeros beside its first step. A gyro
     that stops reads zero in one stretch.
     """
-    tests, symptoms, near = [], [], np.zeros(len(stream.rates), dtype=bool)
+    tests, symptoms, near_zeros = [], [], np.zeros(len(stream.rates), dtype=bool)
     for axis in np.flatnonzero(~lattices.coarse):
         zero = (stream.recording.gyro.rates[:, axis] == 0.0) & stream.used
         sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
         smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
         is_away = smallest > max(OF_NOISE * stream.sigma, FIRST_STEPS * float(lattices.steps[axis]))
         count = int(zero.sum())
-        odd = is_away and sizes.size > FEWEST_OTHERS and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
-        p, text = IMPOSSIBLE if odd else 1.0, f"{count} samples read exactly zero"
+        is_symptom = is_away and sizes.size > FEWEST_OTHERS and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
+        p, text = IMPOSSIBLE if is_symptom else 1.0, f"{count} samples read exactly zero"
         tests.append(SampleTest("zero_samples", AXES[axis], count, 0.0, p, "zero_samples", text))
-        if odd:
-            near |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE_ZERO)
+        if is_symptom:
+            near_zeros |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE_ZERO)
             text = f"readings are exactly zero more often than noise allows, {AXES[axis]}: {count} samples"
             symptoms.append(Symptom("zero_samples", AXES[axis], count, "samples", 0.0, {}, IMPOSSIBLE, text))
-    return Findings(tuple(tests), tuple(symptoms)), near
+    return Findings(tuple(tests), tuple(symptoms)), near_zeros

@@ -2,11 +2,11 @@
 
 Quiet arcs show lines of any frequency. Arcs in which the body moves show those that stand far above all slower motion.
 
-A line is a vibration only if the body does not move so, which the samples cannot tell. It is a finding with its frequency and
+A line is a vibration only if the body does not move so, which the samples cannot decide. It is a finding with its frequency and
 amplitude, and its waveform is kept, so that the noise can be estimated without it.
 
-A sinusoid is fitted beside the motion of the body. A local polynomial follows the motion that is slow beside the sinusoid. What
-it leaves of the readings is fitted to what it leaves of waves. Each arc has its own phase.
+A sinusoid is fitted beside the motion of the body. A local polynomial follows the motion that is slow beside the sinusoid. The
+same filter that subtracts it from the readings is applied to the waves that are fitted. Each arc has its own phase.
 """
 
 from __future__ import annotations
@@ -92,65 +92,65 @@ def find_lines(stream: Stream, quiet: Mask, lattice: Mask, line_p: float) -> tup
     rates, recording = stream.rates, stream.recording
     smooth = stream.used & ~find_jolts(rates, stream.used)
     looks = [Look(stream.find_arcs(smooth), moving=True), Look(stream.find_arcs(quiet), moving=False)]
-    out: list[Line] = []
+    all_lines: list[Line] = []
     tests = []
     for axis in range(rates.shape[1]):
-        # Readings that stand still, as those of a gyro that is clipped or dead, have no noise beside which a line would stand.
-        own = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(rates[slice(*arc), axis]) > 0]) for look in looks]
-        seen = [look for look in own if look.arcs]
-        lines, test = _find_lines_of_axis(rates[:, axis], seen, recording, axis, bool(lattice[axis]), line_p)
-        out += lines
+        # Constant readings of a clipped or dead gyro have no noise to compare a line with.
+        usable = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(rates[slice(*arc), axis]) > 0]) for look in looks]
+        searched = [look for look in usable if look.arcs]
+        lines, test = _find_lines_of_axis(rates[:, axis], searched, recording, axis, bool(lattice[axis]), line_p)
+        all_lines += lines
         tests.append(test)
-    return tuple(out), Findings(tuple(tests))
+    return tuple(all_lines), Findings(tuple(tests))
 
 
 def find_jolts(rates: Array, used: Mask) -> Mask:
-    """Find samples (n,) beside which a rate jumps or breaks off; none where that is so everywhere, as in fast motion.
+    """Mark the samples (n,) beside which a rate jumps or breaks off; none where most do, as in fast motion.
 
     The spectrum of an arc that holds such a moment is full of waves that are neither motion nor noise.
     """
     if not used.any():
         return np.zeros(used.size, dtype=bool)
-    second = np.zeros_like(rates)
-    second[1:-1] = np.abs(np.diff(rates, 2, axis=0))
-    usual = np.median(second[used], axis=0)
-    found = scipy.ndimage.binary_dilation((second > JOLT * usual).any(axis=1), iterations=2)
-    return np.asarray(found) if found[used].mean() < MOST_JOLTS else np.zeros_like(found)
+    second_differences = np.zeros_like(rates)
+    second_differences[1:-1] = np.abs(np.diff(rates, 2, axis=0))
+    median = np.median(second_differences[used], axis=0)
+    jolts = scipy.ndimage.binary_dilation((second_differences > JOLT * median).any(axis=1), iterations=2)
+    return np.asarray(jolts) if jolts[used].mean() < MOST_JOLTS else np.zeros_like(jolts)
 
 
 def _find_lines_of_axis(
     rates: Array, looks: list[Look], recording: Recording, axis: int, lattice: bool, line_p: float
 ) -> tuple[list[Line], SampleTest]:
-    """Find the lines of an axis and its strongest peak; those of each look are counted apart: slow motions are many."""
-    x, found, strongest = rates.copy(), list[tuple[Line, float]](), Peak()
+    """Find the lines of an axis and its strongest peak; each look has its own limit of lines, since slow motions have many."""
+    x, lines, strongest = rates.copy(), list[tuple[Line, float]](), Peak()
     for look in looks:
-        most = len(found) + MOST_LINES
+        limit = len(lines) + MOST_LINES
         for number in range(MOST_PEAKS):
             peak = find_peak(x, look, recording.gyro.sample_s)
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
-            if peak.p_value >= P_OF_PEAK or lattice or len(found) == most:
+            if peak.p_value >= P_OF_PEAK or lattice or len(lines) == limit:
                 break
             line = fit_line(x, recording, axis, peak.frequency_hz, peak.width_hz, look.arcs)
             if line is None or line.p_value >= line_p:
                 break
             x = x - line.waveform
-            found = _add(found, line, peak.width_hz)
+            lines = _add_line(lines, line, peak.width_hz)
     p = min(1.0, strongest.p_value * max(len(looks), 1))
     size = np.rad2deg(strongest.amplitude)
     text = f"strongest line at {strongest.frequency_hz:.4f} Hz, {size:.3g} deg/s; the body may move so"
     test = SampleTest("strongest_line", AXES[axis], float(np.rad2deg(strongest.amplitude)), 0.0, p, None, text)
-    return [line for line, _ in found], test
+    return [line for line, _ in lines], test
 
 
-def _add(found: list[tuple[Line, float]], line: Line, width_hz: float) -> list[tuple[Line, float]]:
-    """Lines and their widths with another one; one within the width of an earlier one is what its fit left."""
-    for place, (before, width) in enumerate(found):
-        if abs(before.frequency_hz - line.frequency_hz) < width:
-            whole = replace(before, waveform=before.waveform + line.waveform)
-            return [*found[:place], (whole, width), *found[place + 1 :]]
-    return [*found, (line, width_hz)]
+def _add_line(lines: list[tuple[Line, float]], line: Line, width_hz: float) -> list[tuple[Line, float]]:
+    """Add a line to lines and their widths; within the width of an earlier line it is that line's residual and adds to it."""
+    for place, (earlier, width) in enumerate(lines):
+        if abs(earlier.frequency_hz - line.frequency_hz) < width:
+            summed = replace(earlier, waveform=earlier.waveform + line.waveform)
+            return [*lines[:place], (summed, width), *lines[place + 1 :]]
+    return [*lines, (line, width_hz)]
 
 
 def find_peak(x: Array, look: Look, sample_s: float) -> Peak:
@@ -179,11 +179,11 @@ def _find_peak_in_segments(x: Array, look: Look, sample_s: float, length: int) -
     ratio = power / level
     tops = first + np.flatnonzero((power[first:-1] >= power[first - 1 : -2]) & (power[first:-1] >= power[first + 1 :]))
     for k in tops[np.argsort(-ratio[tops])]:
-        slower, beside = power[int(k / 3) : k - LOBE], power[k + LOBE + 1 : k + LEVEL_BINS]
-        motion = max(float(slower.max(initial=0.0)), float(beside.max(initial=0.0))) if look.moving else 0.0
-        moves = motion > STRONG * white
-        slow = look.moving and k < FEWEST_BELOW and power[k] > STRONG * white
-        if slow or (moves and power[k] < OUTSTANDING * motion):
+        slower, faster = power[int(k / 3) : k - LOBE], power[k + LOBE + 1 : k + LEVEL_BINS]
+        motion = max(float(slower.max(initial=0.0)), float(faster.max(initial=0.0))) if look.moving else 0.0
+        has_motion = motion > STRONG * white
+        is_slow = look.moving and k < FEWEST_BELOW and power[k] > STRONG * white
+        if is_slow or (has_motion and power[k] < OUTSTANDING * motion):
             continue
         log_p = float(compute_log_p(ratio[k], spectrum.count[0], power.size - 1 - first))
         p = max(float(np.exp(log_p)), IMPOSSIBLE)
@@ -234,11 +234,10 @@ def remove_motion(x: Array, cycles: float) -> Array:
 
 @lru_cache(maxsize=64)
 def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
-    """Choose the weights of a local polynomial that leaves a sinusoid whole, and its gain; None where an arc is too short.
+    """Choose the weights of a local polynomial that least attenuates a sinusoid, and its gain; None where an arc is too short.
 
-    They are made of orthogonal polynomials, since windows may be long.
+    The weights come from orthogonal polynomials, since windows may be long.
     """
-
     counts = np.unique(np.round(np.array(SMOOTHING_CYCLES) / cycles).astype(np.intp) // 2 * 2 + 1)
     best, least = None, np.inf
     for count in counts[(counts > DEGREE + 2) & (counts < size)]:
@@ -251,21 +250,23 @@ def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
 
 
 def _is_calm(residual: Array) -> Mask:
-    """Samples in which nothing sudden is left of the motion."""
+    """Mark the samples whose residual holds no jolt of the motion."""
     spread = float(np.median(np.abs(residual))) / 0.6745
     return np.asarray(np.abs(residual) <= SUDDEN * spread)
 
 
 def _compute_level(times_s: Sequence[Array], fit: SinusoidFit) -> float:
-    """Noise around the sinusoid over that of all frequencies, at least one: a hump of the noise is no line.
+    """Compute the noise power around the sinusoid over that of all frequencies, at least one: a hump of the noise is no line.
 
     The median of n powers of noise is ln 2, with the error 1/√n.
     """
     powers = [np.empty(0)]
     for t_s, residual in zip(times_s, fit.residuals, strict=True):
         span_s = max(float(np.ptp(t_s)), 1e-300)
-        apart = np.array([k for k in BESIDE if k < NEARBY * fit.frequency_hz * span_s]) / span_s
-        beside = np.concatenate([fit.frequency_hz - apart, fit.frequency_hz + apart])
-        powers.append(compute_power(t_s, residual[:, None], beside)[:, 0] / max(float(np.mean(residual**2)), 1e-300))
-    found = np.concatenate(powers)
-    return max(1.0, (float(np.median(found)) - 1 / np.sqrt(found.size)) / float(np.log(2))) if found.size else 1.0
+        offsets_hz = np.array([k for k in BESIDE if k < NEARBY * fit.frequency_hz * span_s]) / span_s
+        frequencies_hz = np.concatenate([fit.frequency_hz - offsets_hz, fit.frequency_hz + offsets_hz])
+        powers.append(compute_power(t_s, residual[:, None], frequencies_hz)[:, 0] / max(float(np.mean(residual**2)), 1e-300))
+    all_powers = np.concatenate(powers)
+    return (
+        max(1.0, (float(np.median(all_powers)) - 1 / np.sqrt(all_powers.size)) / float(np.log(2))) if all_powers.size else 1.0
+    )

@@ -48,7 +48,7 @@ def compute_closure(model: LinearModel, members: Sequence[SelectedCandidate]) ->
 
 
 def _predict(fold: Fold, listed_count: int) -> Array:
-    """(s, 2) errors of the held-out rows before and after the first `own` columns and the shift, which is the last one.
+    """Compute the errors (s, 2) of the held-out rows before and after the prediction by the listed members and the shift.
 
     The amplitudes have the prior of the evidence, so that a fold invents no amplitude that it cannot see.
     """

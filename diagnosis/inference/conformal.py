@@ -1,10 +1,10 @@
-"""Conformal sets of explanations: a set that holds the truth in nine of ten recordings, whatever the posterior is worth.
+"""Conformal sets of explanations: a set that holds the truth in nine of ten recordings, even if the posterior is wrong.
 
-The score of an explanation is how much less likely it is than the likeliest,
+The score of an explanation compares its probability with that of the likeliest,
 
     s_k = 1 − p_k / max_j p_j,
 
-zero for the likeliest and one for what the posterior does not hold at all. Of recordings with known truth, the score of the
+zero for the likeliest and one for explanations outside the posterior. Of recordings with known truth, the score of the
 truth has a distribution; its quantile at the wanted coverage is the threshold τ, and the set of a new recording that is
 exchangeable with them is {k : s_k ≤ τ}, never empty (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005).
 Ratios of probabilities make shorter sets than the sum of all that are likelier, which one clear answer and many small
@@ -24,20 +24,20 @@ MISSING = 1.0  # score of an explanation that the posterior does not hold
 
 
 def name_of(labels: Iterable[str]) -> str:
-    """An explanation in one word: its labels in order, ``none`` without any."""
+    """Join the labels of an explanation in order to one name, ``none`` without any."""
     return " + ".join(sorted(labels)) or NONE
 
 
 def compute_scores(posterior: Posterior) -> dict[str, float]:
-    """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
-    most = max((probability for _, probability in posterior), default=MISSING)
-    out: dict[str, float] = {}
+    """Compute the score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
+    largest = max((probability for _, probability in posterior), default=MISSING)
+    scores: dict[str, float] = {}
     for labels, probability in sorted(posterior, key=lambda pair: -pair[1]):
-        out.setdefault(name_of(labels), 1 - probability / most)
-    out.setdefault(UNKNOWN, MISSING)
-    return out
+        scores.setdefault(name_of(labels), 1 - probability / largest)
+    scores.setdefault(UNKNOWN, MISSING)
+    return scores
 
 
 def build_conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:
-    """The explanations with a score of at most the limit, the likeliest first."""
+    """List the explanations with a score of at most the limit, the likeliest first."""
     return tuple(name for name, value in compute_scores(posterior).items() if value <= limit)

@@ -1,4 +1,4 @@
-"""Score tests of innovations, which are white noise if what they were computed under is true.
+"""Score tests of innovations, which are white noise if the model is true.
 
 Innovations in the order of time are N(0, I − U Uᵀ), with U an orthonormal basis of the directions of nuisance parameters.
 Those of all references under M0 (`diagnosis.model.misfit`) are so. Their tests have p-values that need no draws:
@@ -49,11 +49,11 @@ class Check:
 
 @dataclass(frozen=True)
 class Layout:
-    """What each observation of a linear model stands for."""
+    """Axes, interval and regressors of each observation of a linear model."""
 
     axes: Array  # (r, 3, 3) rotation of its three rows to body axes
     interval: Indices  # (r,) number of its interval
-    regressors: Array  # (r, q) what the innovations may follow, such as rates, accelerations and temperatures
+    regressors: Array  # (r, q) series that the innovations may follow, such as rates, accelerations and temperatures
     speed: Array  # (r,) size of the rate, rad/s
 
 
@@ -85,7 +85,7 @@ def check_innovations(innovations: Innovations, layout: Layout, noise_degrees: f
 
     Parameters
     ----------
-    innovations, layout : the innovations, and what they stand for
+    innovations, layout : the innovations, and their axes, intervals and regressors
     noise_degrees : degrees of freedom of an estimated noise level, with which the size has an F distribution
         (`gyrocal.calibration.estimated_noise`)
     """
@@ -96,10 +96,11 @@ def check_innovations(innovations: Innovations, layout: Layout, noise_degrees: f
     )
     yield _test_regressors(innovations, layout.regressors)
     yield _test_correlation(innovations, layout.interval)
-    seen = innovations.remaining_variance > SHOWN
-    standard = innovations.e / np.sqrt(np.where(seen, innovations.remaining_variance, 1.0))
-    yield _test_scatter(np.where(seen, (np.abs(standard) ** POWER - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout)
-    kurtosis, p = compute_kurtosis(standard[seen])
+    is_visible = innovations.remaining_variance > SHOWN
+    standard = innovations.e / np.sqrt(np.where(is_visible, innovations.remaining_variance, 1.0))
+    sizes = (np.abs(standard) ** POWER - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE)
+    yield _test_scatter(np.where(is_visible, sizes, 0.0), layout)
+    kurtosis, p = compute_kurtosis(standard[is_visible])
     yield _build_check("shape", kurtosis, 3.0, p)
 
 

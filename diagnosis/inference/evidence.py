@@ -35,7 +35,7 @@ LAPACK_BLOCK_COLUMNS = 64  # of columns that LAPACK works on together
 
 
 def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = False, shifted: bool = False) -> Array:
-    """log B of every option at every scale.
+    """Compute log B of every option at every scale.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
 
 
 def _compute_tridiagonal_evidence(gram: Array, correlation: Array, scales: Array) -> Array:
-    """(s,) log B of one group of many columns, by a tridiagonal form of XᵀX; NaN where rounding leaves it negative."""
+    """Compute log B (s,) of one group of many columns by a tridiagonal form of XᵀX; NaN where rounding leaves it negative."""
     reflectors, diagonal, off_diagonal, factors, _ = lapack.dsytrd(gram, lower=1, lwork=LAPACK_BLOCK_COLUMNS * len(gram))
     # Qᵀ Xᵀy; the first reflection leaves the first place as it is, and the others are those of a QR decomposition.
     turned, _, _ = lapack.dormqr("L", "T", reflectors[1:, :-1], factors, correlation[1:, None], lwork=LAPACK_BLOCK_COLUMNS)
@@ -90,14 +90,14 @@ def _compute_tridiagonal_evidence(gram: Array, correlation: Array, scales: Array
 
 
 def remove_shift(gram: Array, correlation: Array) -> tuple[Array, Array, Array]:
-    """XᵀX and Xᵀ(y − o) without the shift o in the last column, and <o, y> − ½ <o, o>, (o,) or (o, d)."""
+    """Return XᵀX and Xᵀ(y − o) without the shift o in the last column, and <o, y> − ½ <o, o>, (o,) or (o, d)."""
     last_column = gram[:, :, -1] if correlation.ndim == 2 else gram[:, :, -1:]
     known = correlation[:, -1] - 0.5 * last_column[:, -1]
     return gram[:, :-1, :-1], correlation[:, :-1] - last_column[:, :-1], known
 
 
 def average_evidence(table: Array, log_weights: Array) -> float:
-    """log of B averaged over options and scales; (o, s) and (o,) log weights that sum to one."""
+    """Compute log of B averaged over options and scales, (o, s), with the log weights (o,) that sum to one."""
     values = table + log_weights[:, None]
     top = values.max()
     return float(top + np.log(np.exp(values - top).sum()) - np.log(table.shape[1]))

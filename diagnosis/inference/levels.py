@@ -1,7 +1,7 @@
-"""Levels of an answer: side, axis and character of what stands in one place of an explanation, each with its probability.
+"""Levels of an answer: side, axis and character of the error in one place of an explanation, each with its probability.
 
-A recording often shows on which side and about which axis an error acts, and how it behaves, where it cannot tell which effect
-it is. The posterior of a place (`diagnosis.inference.joint_search.Place`) is summed over all candidates of one side, axis and
+A recording often shows on which side and about which axis an error acts, and how it behaves, although it cannot identify the
+effect. The posterior of a place (`diagnosis.inference.joint_search.Place`) is summed over all candidates of one side, axis and
 character, listed or not.
 """
 
@@ -54,7 +54,7 @@ CHARACTERS: tuple[tuple[str, Character], ...] = (
 
 
 class Level(NamedTuple):
-    """One level: what is stated, and its probability."""
+    """One level of an answer: its name, and its probability."""
 
     name: str
     probability: float

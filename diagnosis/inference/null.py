@@ -1,8 +1,8 @@
-"""Whether there is a gap: the evidence of all candidates together against its distribution under M0.
+"""Test for a misfit: the evidence of all candidates together against its distribution under M0.
 
 Options that a scan has chosen for the data at hand have no such distribution over other data. Their evidence, averaged over all
-options that were tried, is bounded instead: an average B of likelihood ratios has P(B ≥ c) ≤ 1/c under M0, and what was not
-kept only adds to it. The two tests share the rate of false alarms (`DiagnosisSettings.scanned_share`).
+options that were tried, is bounded instead: an average B of likelihood ratios has P(B ≥ c) ≤ 1/c under M0, and options that the
+scan dropped would only add to it. The two tests share the rate of false alarms (`DiagnosisSettings.scanned_share`).
 
 The draws take the columns X as given, while those of a recording come from readings with noise of their own. Two things could
 make its statistic another one. The observations y = (I − P) L⁻¹ ζ are the linear response to the noise up to a shift δ: second
@@ -27,7 +27,7 @@ from gyrocal.arrays import Array
 LEAST_POSITIVE = 1e-300
 DRAWS_PER_BATCH = 250  # draws
 
-ENOUGH = 20  # draws beyond what was observed, after which no more are made
+ENOUGH = 20  # draws beyond the observed statistic, after which drawing ends
 TAIL = 0.1  # share of the draws that the tail is fitted to
 EXPONENTIAL = 1e-6  # shape below which a tail is exponential
 
@@ -39,11 +39,11 @@ def compute_null_p(
     scanned_share: float = DEFAULT.scanned_share,
     report_share: Callable[[float], None] = lambda share: None,
 ) -> float:
-    """P-value of the evidence averaged over all candidates.
+    """Compute the p-value of the evidence averaged over all candidates.
 
-    It comes from draws of M0, where few of them are beyond what was observed from their tail (`extrapolate_tail`), and beyond
-    what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood ratios, which needs none. Draws end where
-    `ENOUGH` of them are beyond what was observed: of as many as h of l, the last of them beyond, h/l is a p-value as exact as
+    It comes from draws under M0; if few of them exceed the observed statistic, from their tail (`extrapolate_tail`); and if
+    draws cannot resolve it, from the bound P(B ≥ c) ≤ 1/c on an average of likelihood ratios, without draws. Drawing ends when
+    `ENOUGH` draws exceed the observed statistic: if the l-th draw is the h-th that exceeds it, h/l is a p-value as exact as
     that of all draws (Besag and Clifford, Biometrika 78 (1991) 301).
 
     Parameters
@@ -59,12 +59,12 @@ def compute_null_p(
     if bound * (1 + draws) < 1:
         return _combine_scanned_p(search, bound, scanned_share)
     null = draw_null_statistics(search, seed, draws, report_share, observed)
-    usual = ENOUGH / null.size if null.size < draws else extrapolate_tail(null, observed)
-    return _combine_scanned_p(search, usual, scanned_share)
+    unscanned_p = ENOUGH / null.size if null.size < draws else extrapolate_tail(null, observed)
+    return _combine_scanned_p(search, unscanned_p, scanned_share)
 
 
 def extrapolate_tail(null: Array, observed: float) -> float:
-    """P-value of what was observed among draws (n,) of the statistic, with a smooth tail.
+    """Estimate the p-value of the observed statistic among draws (n,), with a smooth tail.
 
     Fewer than `ENOUGH` draws beyond it are a coarse estimate, and none is no estimate at all. A generalised Pareto distribution
     is fitted to what the largest draws exceed a threshold by (Knijnenburg et al., Bioinformatics 25, 2009), by the method of
@@ -93,9 +93,9 @@ def draw_null_statistics(
     report_share: Callable[[float], None] = lambda share: None,
     observed: float = np.inf,
 ) -> Array:
-    """The statistic of draws of M0, which does not depend on what was observed.
+    """Draw the statistic under M0, whose distribution does not depend on the observations.
 
-    There are as many as asked for (draws,), or those up to the one at which `ENOUGH` have reached what was observed.
+    Returns `draws` values, or those up to the one at which `ENOUGH` have reached the observed statistic.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
@@ -110,11 +110,11 @@ def draw_null_statistics(
     return drawn
 
 
-def _combine_scanned_p(search: Search, usual: float, scanned_share: float) -> float:
-    """P-value of both tests, from that of the candidates whose options no scan has chosen."""
+def _combine_scanned_p(search: Search, unscanned_p: float, scanned_share: float) -> float:
+    """Combine the p-values of both tests, given that of the candidates whose options no scan has chosen."""
     listed = [candidate for candidate in search.model.candidates if candidate.scanned and candidate.listed]
     if not listed:
-        return max(usual, LEAST_POSITIVE)
+        return max(unscanned_p, LEAST_POSITIVE)
     prior = float(logsumexp([candidate.log_prior for candidate in listed]))
-    of_scan = float(np.exp(min(prior - search.compute_observed_statistic(scanned=True), 0.0)))
-    return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), LEAST_POSITIVE)
+    scanned_bound = float(np.exp(min(prior - search.compute_observed_statistic(scanned=True), 0.0)))
+    return max(min(unscanned_p / (1 - scanned_share), scanned_bound / scanned_share, 1.0), LEAST_POSITIVE)

@@ -1,4 +1,4 @@
-"""Inner products of the columns of a linear model, and what is left of them given the columns that are in already.
+"""Inner products of the columns of a linear model, also conditioned on columns that are in the model already.
 
 With scaled columns C in the model, y ~ N(0, 1 + C Cᵀ), and further columns X enter the evidence by XᵀS⁻¹X and XᵀS⁻¹y with
 S = 1 + C Cᵀ. The matrix inversion lemma makes that XᵀX − (CᵀX)ᵀ (1 + CᵀC)⁻¹ (CᵀX): no matrix of all observations is needed.
@@ -31,7 +31,7 @@ class Conditioning:
 
     Attributes
     ----------
-    log_bayes : log evidence of what is in
+    log_bayes : log evidence of the columns C
     """
 
     def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
@@ -43,7 +43,7 @@ class Conditioning:
         self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
 
     def reduce_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
-        """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
+        """Reduce XᵀX (o, k, k) and Xᵀy (o, k) of the columns `places` (o, k) to those given the members in the model."""
         reduced = (self._inverse @ self._rows(places.ravel())).reshape(len(self._inverse), *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
@@ -55,30 +55,30 @@ class Conditioning:
 class Products:
     """Products of the columns of members with those of candidates.
 
-    They are kept, since a search asks for them often; but not all of them, which of two random processes are gigabytes.
+    They are cached, since a search needs them often, up to `MOST_KEPT` numbers: those of two random processes are gigabytes.
     """
 
     def __init__(self, model: LinearModel):
         self._model = model
-        self._found: dict[tuple[int, int, bytes], Array] = {}
+        self._cache: dict[tuple[int, int, bytes], Array] = {}
         self._kept = 0  # numbers in them
 
     def get_products(self, member: SelectedCandidate, places: Indices) -> Array:
-        """(k, n) products of a member's columns but a shift with other columns of the model."""
+        """Return the products (k, n) of a member's columns, without a shift, with other columns of the model."""
         key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
-        if key not in self._found:
+        if key not in self._cache:
             option, X = self._model.option(member), self._model.X
             member_columns = slice(option.start, option.start + option.count - self._model.candidate(member).shifted)
             products = X[:, member_columns].T @ X[:, _convert_to_slice(places)]
             if self._kept + products.size > MOST_KEPT:
                 self.forget()
             self._kept += products.size
-            self._found[key] = products
-        return self._found[key]
+            self._cache[key] = products
+        return self._cache[key]
 
     def forget(self) -> None:
-        """Give back their memory."""
-        self._found.clear()
+        """Free their memory."""
+        self._cache.clear()
         self._kept = 0
 
 
@@ -92,30 +92,30 @@ class Batch:
 
 
 class Grams:
-    """XᵀX of the options of candidates, made when they are asked for first; those of few columns side by side."""
+    """XᵀX of the options of candidates, computed at first use; those of few columns side by side."""
 
     def __init__(self, model: LinearModel):
         self._model = model
-        self._found: dict[tuple[int, int | None], list[Batch]] = {}
+        self._cache: dict[tuple[int, int | None], list[Batch]] = {}
         self._single: dict[tuple[int, int], Array] = {}
 
     def list_batches(self, candidate: int, most: int | None = None) -> list[Batch]:
-        """All options of a candidate, with the `most` first columns of each only."""
+        """List all options of a candidate in batches, with the `most` first columns of each only."""
         key = candidate, most
-        if key not in self._found:
+        if key not in self._cache:
             options = self._model.candidates[candidate].options
             counts = np.array([option.count if most is None else min(option.count, most) for option in options])
             groups = [np.flatnonzero(counts == count) for count in dict.fromkeys(counts.tolist())]
-            self._found[key] = [
-                self._build_batch(candidate, some, int(counts[group[0]]))
+            self._cache[key] = [
+                self._build_batch(candidate, options_together, int(counts[group[0]]))
                 for group in groups
-                for some in ([group] if counts[group[0]] <= MOST_BATCH_COLUMNS else group[:, None])
+                for options_together in ([group] if counts[group[0]] <= MOST_BATCH_COLUMNS else group[:, None])
             ]
-        return self._found[key]
+        return self._cache[key]
 
     def inherit(self, earlier: Grams, candidates: Set[int]) -> None:
         """Take over the products of some candidates."""
-        self._found |= {key: products for key, products in earlier._found.items() if key[0] in candidates}
+        self._cache |= {key: products for key, products in earlier._cache.items() if key[0] in candidates}
         self._single |= {key: products for key, products in earlier._single.items() if key[0] in candidates}
 
     def _build_batch(self, candidate: int, options: Indices, count: int) -> Batch:
@@ -129,7 +129,7 @@ class Grams:
         return Batch(options, np.array([self.single(candidate, int(k))[:count, :count] for k in options]), places)
 
     def single(self, candidate: int, option: int) -> Array:
-        """(k, k) of one option."""
+        """Return XᵀX (k, k) of one option."""
         if (candidate, option) not in self._single:
             X = self._model.X[:, self._model.candidates[candidate].options[option].columns]
             self._single[candidate, option] = X.T @ X
@@ -137,6 +137,6 @@ class Grams:
 
 
 def _convert_to_slice(places: Indices) -> Indices | slice:
-    """Places without a gap as a slice, which needs no copy of the columns."""
-    whole = places.size and places[-1] - places[0] + 1 == places.size and (np.diff(places) == 1).all()
-    return slice(int(places[0]), int(places[-1]) + 1) if whole else places
+    """Convert indices without a gap to a slice, which needs no copy of the columns."""
+    is_contiguous = places.size and places[-1] - places[0] + 1 == places.size and (np.diff(places) == 1).all()
+    return slice(int(places[0]), int(places[-1]) + 1) if is_contiguous else places

@@ -9,15 +9,13 @@ from diagnosis.model.linear import LinearModel, SelectedCandidate, Wanted
 
 NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
 MOST_BESIDE = 6  # of these
-REACH = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
 
 
 def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:
     """Refine the options around those of some explanations, and of effects that may stand in the first of them.
 
-    A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
-    same axis would explain. A random process has its weaker columns then; what a strong one would leave without them, another
-    process would explain.
+    A step between two of the tried times leaves a residual that another step about the same axis would explain. A refined
+    random process also has its weaker columns; without them it leaves a residual that another process would explain.
     """
     moments = search.model.moments(search.model, _list_wanted_sets(search, likely))
     places = [member for explanation in likely for member in explanation.members]
@@ -38,7 +36,7 @@ def _list_other_members(explanation: Explanation, member: SelectedCandidate) -> 
 
 
 def _list_wanted_sets(search: Search, explanations: Sequence[Explanation]) -> list[Wanted]:
-    """Explanations with one of their members away, and what a step must explain beside the others to be looked at closely."""
+    """List explanations without one member, each with the evidence that a step beside them must have to be refined."""
     wanted: dict[frozenset[SelectedCandidate], Wanted] = {}
     for explanation in explanations:
         for member in explanation.members:
@@ -49,10 +47,11 @@ def _list_wanted_sets(search: Search, explanations: Sequence[Explanation]) -> li
 
 
 def find_near_alternatives(search: Search, best: Explanation) -> list[SelectedCandidate]:
-    """Listed effects that explain nearly as much as a member of an explanation in its place, with the others of it.
+    """Find listed effects that explain nearly as much as a member of an explanation in its place.
 
-    One whose parameter lies between two that are tried may explain all of it with finer ones; one that is not linear in the
-    rates, with those that the body has beside it. Each kind has its own places.
+    An effect whose parameter lies between two tried values may explain all with finer options, and one that is not linear in
+    the rates with the true rates. The number of alternatives is limited for effects with one option and with several
+    separately.
     """
     nearest: dict[int, tuple[float, SelectedCandidate]] = {}
     for member in best.members:
@@ -66,9 +65,9 @@ def find_near_alternatives(search: Search, best: Explanation) -> list[SelectedCa
             if share > max(NEARLY, nearest.get(number, (0.0, member))[0]):
                 nearest[number] = share, SelectedCandidate(number, score.option, score.scale)
     ranked = [member for _, member in sorted(nearest.values(), key=lambda ranked_member: -ranked_member[0])]
-    alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
+    single_option = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
     return [
         member
         for kind in (False, True)
-        for member in [ranked_member for ranked_member in ranked if alone[ranked_member] is kind][:MOST_BESIDE]
+        for member in [ranked_member for ranked_member in ranked if single_option[ranked_member] is kind][:MOST_BESIDE]
     ]

@@ -38,13 +38,13 @@ class Score:
 class Explanation:
     """A set of effects."""
 
-    members: tuple[SelectedCandidate, ...]  # its members, held at their best
+    members: tuple[SelectedCandidate, ...]  # its members with their best options and scales
     log_evidence: float  # averaged over options and scales, relative to the baseline
     log_posterior: float  # with the prior, not normalised
 
     @property
     def key(self) -> frozenset[int]:
-        """Its candidates."""
+        """Numbers of its candidates."""
         return frozenset(member.candidate for member in self.members)
 
 
@@ -55,17 +55,20 @@ class Search:
     """Evidence of sets of candidates of a linear model."""
 
     def __init__(
-        self, model: LinearModel, settings: DiagnosisSettings = DEFAULT, tell: Callable[[int], None] = lambda count: None
+        self,
+        model: LinearModel,
+        settings: DiagnosisSettings = DEFAULT,
+        report_count: Callable[[int], None] = lambda count: None,
     ):
         self.model = model
         self.settings = settings
-        self.tell = tell  # called with the number of scores so far, before each
+        self.report_count = report_count  # called with the number of scores so far, before each
         self._scored = 0
         self.gram = Grams(model)
         self.correlation = model.X.T @ model.y
         self._products = Products(model)
         self._scores: dict[tuple[int, frozenset[SelectedCandidate], int | None], Score] = {}
-        self._given: tuple[tuple[SelectedCandidate, ...], Conditioning | None] = ((), None)  # what was asked for last
+        self._latest: tuple[tuple[SelectedCandidate, ...], Conditioning | None] = ((), None)  # latest conditioning
 
     def inherit(self, earlier: Search) -> None:
         """Take over the products and scores of candidates that are the same in the model of another search."""
@@ -78,27 +81,27 @@ class Search:
 
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
-    def tables(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Array:
-        """(o, s) log evidence of a candidate's options and scales given what is in, with its `most` strongest columns only."""
+    def tables(self, candidate: int, conditioning: Conditioning | None, most: int | None = None) -> Array:
+        """Compute the log evidence (o, s) of a candidate's options and scales given some members, with `most` columns each."""
         entry = self.model.candidates[candidate]
         table = np.empty((len(entry.options), entry.scales.size))
         for batch in self.gram.list_batches(candidate, most):
-            table[batch.options] = self._compute_table(batch.gram, batch.places, entry, given)
+            table[batch.options] = self._compute_table(batch.gram, batch.places, entry, conditioning)
         table[entry.outside_window] = -np.inf
         return table
 
-    def _compute_table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
+    def _compute_table(self, gram: Array, places: Indices, entry: Candidate, conditioning: Conditioning | None) -> Array:
         correlation = self.correlation[places]
-        if given is not None:
-            gram, correlation = given.reduce_products(gram, correlation, places)
+        if conditioning is not None:
+            gram, correlation = conditioning.reduce_products(gram, correlation, places)
         return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
 
     def score(self, candidate: int, members: tuple[SelectedCandidate, ...], most: int | None = None) -> Score:
-        """Average and best of a candidate's evidence given some members, with its `most` strongest columns only.
+        """Return average and best of a candidate's evidence given some members, with its `most` strongest columns only.
 
-        Scores are kept: most moves of a member to its best, and most exchanges, come back to sets that were looked at before.
+        Scores are cached: most optimisations and exchanges of members return to sets that were scored before.
         """
-        self.tell(self._scored)
+        self.report_count(self._scored)
         self._scored += 1
         return self._find_score(candidate, members, most)
 
@@ -107,19 +110,19 @@ class Search:
             most = None  # one score, whether it screens or not
         key = (candidate, frozenset(members), most)
         if key not in self._scores:
-            given = self.condition_on(members)
+            conditioning = self.condition_on(members)
             weights = self.model.candidates[candidate].log_weights
-            table = self.tables(candidate, given, most)
-            # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
+            table = self.tables(candidate, conditioning, most)
+            # Of times that explain the data equally, that with more prior: a gap between intervals rather than one moment.
             option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
-            before = 0.0 if given is None else given.log_bayes
+            before = 0.0 if conditioning is None else conditioning.log_bayes
             self._scores[key] = Score(
                 average_evidence(table, weights), float(table[option, scale]), int(option), int(scale), before
             )
         return self._scores[key]
 
     def compute_observed_statistic(self, scanned: bool = False) -> float:
-        """log of the evidence averaged over candidates with their priors.
+        """Compute the log of the evidence averaged over candidates with their priors.
 
         It is that of the listed candidates whose options a scan has chosen, or of all candidates that no scan has chosen.
         """
@@ -129,7 +132,7 @@ class Search:
         return float(logsumexp(parts)) if parts else -np.inf
 
     def compute_null_statistic(self, correlation: Array) -> Array:
-        """(d,) the same of candidates that no scan has chosen, for d other observations at once, with Xᵀy (p, d)."""
+        """Compute the same statistic (d,) of candidates that no scan has chosen for d other observations with Xᵀy (p, d)."""
         parts = []
         for number, candidate in enumerate(self.model.candidates):
             if candidate.scanned:
@@ -148,37 +151,37 @@ class Search:
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
     def forget(self) -> None:
-        """Give back the memory of the products that were kept."""
+        """Free the memory of cached products."""
         self._products.forget()
-        self._given = ((), None)
+        self._latest = ((), None)
 
     def condition_on(self, members: tuple[SelectedCandidate, ...]) -> Conditioning | None:
-        """Inner products given some members, ready to score the others against; None without members."""
+        """Return the inner products given some members, to score other candidates against; None without members."""
         if not members:
             return None
-        if members != self._given[0]:
-            self._given = (members, self._build_conditioning(members))
-        return self._given[1]
+        if members != self._latest[0]:
+            self._latest = (members, self._build_conditioning(members))
+        return self._latest[1]
 
     def _build_conditioning(self, members: tuple[SelectedCandidate, ...]) -> Conditioning:
-        """Inner products given some members."""
+        """Build the inner products given some members."""
         columns, scale, shifts = self.model.build_design(members)
-        products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
+        products = self._products  # not `self`, which keeps the result: a cycle of references would hold its memory
 
         def rows(places: Indices) -> Array:
             return scale[:, None] * np.vstack([products.get_products(member, places) for member in members])
 
-        # Of each pair by itself, so that what is kept of two members serves every set with both.
+        # Pair by pair, so that the cached products of two members serve every set with both.
         places = [self.model.build_design((member,))[0] for member in members]
         inner = np.block([[products.get_products(member, place) for place in places] for member in members])
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        given = Conditioning(rows, scale[:, None] * inner * scale, scale * (self.correlation - shift)[columns], shift)
-        given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
-        return given
+        conditioning = Conditioning(rows, scale[:, None] * inner * scale, scale * (self.correlation - shift)[columns], shift)
+        conditioning.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
+        return conditioning
 
     def optimise_members(self, members: tuple[SelectedCandidate, ...]) -> Explanation:
-        """A set with its members moved to their best, one after another, and its evidence."""
+        """Move the members of a set to their best option and scale, one after another, and return the set with its evidence."""
         occam = np.zeros(len(members))
         best = 0.0
         for sweep in range(SWEEPS if len(members) > 1 else 1):
@@ -195,7 +198,7 @@ class Search:
         return self._build_explanation(members, best + float(occam.sum()))
 
     def find_explanation(self, labels: tuple[str, ...]) -> Explanation | None:
-        """The explanation by given labels, whatever its evidence; None if one of them cannot be seen at all."""
+        """Find the explanation with given labels, whatever its evidence; None if one of them cannot be seen at all."""
         places = [self.model.find(label) for label in labels]
         if not places or any(place is None for place in places):
             return None
@@ -210,7 +213,7 @@ class Search:
         return Explanation(members, log_evidence, log_evidence + prior)
 
     def score_singles(self) -> list[Explanation]:
-        """Every candidate alone."""
+        """Score every candidate alone; explanations of one effect, the likeliest first."""
         singles = []
         for candidate in range(len(self.model.candidates)):
             score = self.score(candidate, ())
@@ -220,7 +223,7 @@ class Search:
     def list_children(
         self, parent: Explanation, allowed: Callable[[int], bool] = lambda candidate: True, most: int | None = None
     ) -> list[Explanation]:
-        """The sets with one more candidate that is allowed, the best first; processes with their `most` strongest columns.
+        """List the sets with one more allowed candidate, the best first; processes with their `most` strongest columns.
 
         Only columns of a process are sorted by strength; the last one of others may be a shift.
         """
@@ -239,12 +242,12 @@ def _rank_explanations(explanations: list[Explanation]) -> list[Explanation]:
 
 
 def sum_log_posterior(explanations: list[Explanation]) -> float:
-    """log of the summed posterior, not normalised."""
+    """Compute the log of the summed posteriors of some explanations, not normalised."""
     return float(logsumexp([explanation.log_posterior for explanation in explanations]))
 
 
 def _sum_in_log(logs: Array) -> Array:
-    """(d,) log of the sum of exponentials of each column of (n, d) logs.
+    """Compute the log (d,) of the sum of exponentials of each column of (n, d) logs.
 
     It is scipy's ``logsumexp``, which looks at its arguments for several times as long as it computes, and this is called
     thousands of times for the draws of M0.

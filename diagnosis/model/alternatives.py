@@ -1,8 +1,8 @@
 """Deterministic alternatives outside the library: broad families of errors that a cause must beat.
 
-A cause is identified only if it explains the data better than anything that behaves alike but is something else. Narrow
-families let an unlisted effect pass as its nearest listed neighbour, and a random process explains anything that is slow. The
-families are
+A cause is identified only if it explains the data better than alternatives that behave similarly. With narrow families an
+unlisted effect would be mistaken for its nearest listed neighbour, and a random process explains any slow error. The families
+are
 
 - rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
 - rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
@@ -18,8 +18,8 @@ families are
 - the same on the side of the references. These have star catalogues, aberration and temperatures of their own, signals that
   come by two ways (an error of twice the heading), and mounts that bend, settle after a slew and have play.
 
-Random errors are in `diagnosis.model.processes`. Each family gives columns per unit amplitude; amplitudes are taken in terms
-of the sizes that the recording can show, since nothing is known of them.
+Random errors are in `diagnosis.model.processes`. Each family has columns per unit amplitude; the prior of the amplitudes spans
+the sizes that the recording can show.
 
 Periodic rivals repeat with one of the periods that `diagnosis.model.periods` has found to explain most as a sine: shapes that
 are no sine, and sines that may not be named.
@@ -60,7 +60,7 @@ LARGE = 0.1  # share of the largest rate, or of its largest change, from which o
 
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 
-REPEATED = 4  # best periods at which a swing that is no sine is tried
+REPEATED = 4  # best periods at which a periodic shape that is no sine is tried
 SHAPE = 3  # its harmonics of any phase
 HIGHEST = 7  # its highest harmonic that is locked to the fundamental
 DOUBLED = 2  # best periods that may be the second harmonics of others
@@ -171,10 +171,10 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
             lagging = [centred - filter_low_pass(centred, bins, lag) for lag in LAGS_S]
             errors += [centred**2, *lagging]
             rates += [centred * bins.rates[:, [k]] for k in range(3)]
-    kept = [error for error in errors if np.isfinite(error).all() and error.any()]
+    usable = [error for error in errors if np.isfinite(error).all() and error.any()]
     return {
-        "bias follows the square of a housekeeping value, or its delayed value": kept,
-        "scale factor or misalignment follows a housekeeping value": rates if kept else [],
+        "bias follows the square of a housekeeping value, or its delayed value": usable,
+        "scale factor or misalignment follows a housekeeping value": rates if usable else [],
     }
 
 
@@ -208,23 +208,25 @@ def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
 
 
 def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
-    """Errors of a star in a direction, of a temperature, and of a mount that bends or has play."""
+    """List errors that follow a direction, a temperature or a load: of a star, of optics, of a mount that bends or has play."""
     A = model.at_reference.transpose(0, 2, 1)
     t_s, orbit = model.references.t_s, model.stream.orbit_period_s
     directions = [A[:, axis] for axis in range(3)]
     directions += [build_second_harmonics(A[:, axis]) for axis in range(3)]
     if np.isfinite(orbit):  # as the velocity, whose aberration it is
         directions += [turn_with_orbit(A[:, axis], t_s, orbit, 1) for axis in range(3)]
-    place, now = find_reference_steps(model), find_reference_bins(model, bins)
+    step_indices, bin_indices = find_reference_steps(model), find_reference_bins(model, bins)
     loads = [
-        course[now] for axis in range(3) for course in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])
+        course[bin_indices]
+        for axis in range(3)
+        for course in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])
     ]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
-    past = [course[now] for memory in MEMORY_S for course in _split_columns(filter_low_pass(both, bins, memory))]
+    past = [course[bin_indices] for memory in MEMORY_S for course in _split_columns(filter_low_pass(both, bins, memory))]
     return {
         "references follow a direction": directions,
         "references follow a housekeeping value": [
-            (values - values.mean())[place, None] for values in model.stream.housekeeping.values()
+            (values - values.mean())[step_indices, None] for values in model.stream.housekeeping.values()
         ],
         "references follow the torque or the sign of the last turn": loads,
         "references follow the rates of the past": past,
@@ -232,7 +234,7 @@ def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
 
 
 def _follow_reference_courses(model: RecordingModel) -> Options:
-    """Errors that run with time or rate, differ between flight directions, or step inside an interval."""
+    """List errors that follow time or a rate, differ between flight directions, or step inside an interval."""
     references = model.references
     t = references.t_s[:, None]
     begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
@@ -240,7 +242,7 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
     orbit, w = model.stream.orbit_period_s, model.rates[find_reference_steps(model)]
     others = sorted(set(references.forward) - {"-x", "+x"})  # which a listed effect covers
     inside = [t[model.interval_of_reference == number, 0] for number in range(len(model.blocks))]
-    times = np.concatenate([np.linspace(times_of_interval[0], times_of_interval[-1], 7)[1:-1] for times_of_interval in inside])
+    times = np.concatenate([np.linspace(interval_times[0], interval_times[-1], 7)[1:-1] for interval_times in inside])
     return {
         "references run with the time since an interval's start": [
             since, *(np.exp(-since / tau) for tau in WARM_UP_S[1:]),
@@ -258,27 +260,25 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
 def list_periodic_rivals(model: RecordingModel, periods_by_axis: Found, listed: Collection[bool]) -> Iterator[CandidateColumns]:
     """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
 
-    The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
-    wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
-    has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
-    `listed` holds for which kinds of error, of the references or not, a swing may be named.
+    The k-th harmonic of a shape with jumps falls as 1/k. Either the second and the third one have any phase; or those of a
+    square wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the
+    fundamental. With fewer parameters, a weak harmonic has more evidence. A period whose fundamental is weak is found at its
+    second harmonic. `listed` holds the kinds of error, of the references or not, of which a listed effect is a sinusoid.
     """
     for (on_references, axis), periods in periods_by_axis.items():
-        what = "references repeat" if on_references else "bias repeats"
+        behaviour = "references repeat" if on_references else "bias repeats"
         doubled = [replace(period, frequency=0.5 * period.frequency) for period in periods[:DOUBLED]]
-        shapes = [*periods[:REPEATED], *doubled]
-        options, at = [], []
-        for listed_period in shapes:
-            orders = listed_period.frequency * np.arange(1.0, HIGHEST + 1)
-            several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
-            options += several
-            at += [replace(listed_period, log_weight=listed_period.log_weight - float(np.log(len(several))))] * len(several)
-        yield _build_periodic_rival(model, f"{what} with a period, not as a sine", axis, options, at)
+        options: list[Array] = []
+        option_periods: list[Period] = []
+        for period in [*periods[:REPEATED], *doubled]:
+            orders = period.frequency * np.arange(1.0, HIGHEST + 1)
+            shapes = make_shapes(model, make_period_columns(model, axis, on_references, orders))
+            options += shapes
+            option_periods += [replace(period, log_weight=period.log_weight - float(np.log(len(shapes))))] * len(shapes)
+        yield _build_periodic_rival(model, f"{behaviour} with a period, not as a sine", axis, options, option_periods)
         if on_references not in listed:
-            options = make_period_columns(
-                model, axis, on_references, np.array([listed_period.frequency for listed_period in periods])
-            )
-            yield _build_periodic_rival(model, f"{what} with another period", axis, options, periods)
+            sines = make_period_columns(model, axis, on_references, np.array([period.frequency for period in periods]))
+            yield _build_periodic_rival(model, f"{behaviour} with another period", axis, sines, periods)
 
 
 def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
@@ -292,15 +292,15 @@ def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
     theta = np.arctan2(cosine, sine)
     # sin k(ωt + φ) of sine and cosine of kωt
     locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
-    odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
+    odd, even = (sum(harmonics, np.zeros(len(X))) for harmonics in (locked[2::2], locked[1::2]))
     return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
 
 
 def _build_periodic_rival(
-    model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]
+    model: RecordingModel, name: str, axis: int, options: list[Array], periods: Sequence[Period]
 ) -> CandidateColumns:
-    """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
+    """Build a rival whose options are scaled so that their first two columns have unit size: amplitudes then compare."""
     sizes = [float(np.linalg.norm(model.project_out_nuisance(part[:, :2]))) for part in options]
     scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
-    weights = np.exp([period.log_weight for period in at])
+    weights = np.exp([period.log_weight for period in periods])
     return replace(build_rival(name, AXES[axis], scaled, weights=weights), scanned=True)

@@ -38,7 +38,7 @@ class Bins:
 
 
 def build_bins(model: RecordingModel, bin_s: float | None = None) -> Bins:
-    """Bins of about `bin_s`, by default as short as a few thousand allow, that end at every reference."""
+    """Build bins that end at every reference, of about `bin_s`, by default as short as a few thousand bins allow."""
     bin_s = min(LONGEST, float(model.dt.sum()) / MOST) if bin_s is None else bin_s
     first: list[Indices] = []
     ends: list[Indices] = []
@@ -75,7 +75,7 @@ def build_bins(model: RecordingModel, bin_s: float | None = None) -> Bins:
 
 
 def observe_rate_errors(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
-    """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
+    """Observe rate errors (bins, k) about one axis as whitened columns (N, k)."""
     out = np.empty((model.size, values.shape[1]))
     for number, block in enumerate(model.blocks):
         interval_values, (ends, place) = values[bins.interval == number], np.unique(bins.ends[number], return_inverse=True)
@@ -87,13 +87,13 @@ def observe_rate_errors(model: RecordingModel, bins: Bins, axis: int, values: Ar
 
 
 def normalise_columns(values: Array) -> Array:
-    """Columns scaled to a root mean square of one, so that amplitudes compare."""
+    """Scale columns to a root mean square of one, so that amplitudes compare."""
     size = np.sqrt(np.mean(values**2, axis=0))
     return values / np.where(size > 0, size, 1.0)
 
 
 def observe_reference_errors(model: RecordingModel, axis: int, values: Array) -> Array:
-    """(N, k) whitened columns of errors of the references about one axis, (m, k)."""
+    """Observe errors of the references (m, k) about one axis as whitened columns (N, k)."""
     error = np.zeros((len(values), 3, values.shape[1]))
     error[:, axis] = values
     return model.whiten(model.observe_reference_error(error))
@@ -111,23 +111,23 @@ def build_families(name: str, options: list[Array], observe: Callable[[int, Arra
 
 
 def find_steps(model: RecordingModel, t_s: Array, interval: Indices) -> Indices:
-    """(k,) step in progress at each of some times (k,), s since the epoch, each within an interval (k,)."""
+    """Find the step in progress (k,) at some times (k,), s since the epoch, each within an interval (k,)."""
     first, stop = np.array([(block.steps.start, block.steps.stop) for block in model.blocks], dtype=np.intp).T
     return _find_in_progress(model.t_s, first, stop, t_s, interval)
 
 
 def find_reference_steps(model: RecordingModel) -> Indices:
-    """(m,) step in progress at each reference."""
+    """Find the step in progress (m,) at each reference."""
     return find_steps(model, model.references.t_s, model.interval_of_reference)
 
 
 def find_reference_bins(model: RecordingModel, bins: Bins) -> Indices:
-    """(m,) bin in progress at each reference."""
+    """Find the bin in progress (m,) at each reference."""
     numbers = np.arange(len(model.blocks))
     first, stop = (np.searchsorted(bins.interval, numbers, side) for side in ("left", "right"))
     return _find_in_progress(bins.t_s, first, stop, model.references.t_s, model.interval_of_reference)
 
 
 def _find_in_progress(middle_s: Array, first: Indices, stop: Indices, t_s: Array, interval: Indices) -> Indices:
-    """The first with its middle behind a time, held among those of its interval."""
+    """Find the first step or bin whose middle is behind each time, among those of its interval."""
     return np.asarray(np.clip(np.searchsorted(middle_s, t_s), first[interval], stop[interval] - 1))

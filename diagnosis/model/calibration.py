@@ -1,15 +1,16 @@
 """Calibrations of a diagnosis: under M0, by Gauss–Newton on the linear model, and with the effects found in the model.
 
-A shape outside the library may take the place of a part of G: an error of the references that follows a direction in a body
-that swings is nearly one of the scale factors. Such a shape closes more of the misfit than the calibration without it, also on
-held-out data, while G is wrong by ten times its sigma. It shows in that the parts of the recording disagree. Each calibration
-is therefore made again without an eighth of every interval at a time (the jackknife: Efron and Tibshirani, An Introduction to
-the Bootstrap, 1993, chapter 11), and the shapes of the remainder are in the model only where they make these agree better.
+A shape outside the library may be mistaken for a part of G: an error of the references that follows a direction in a body that
+swings is nearly one of the scale factors. Such a shape closes more of the misfit than the calibration without it, also on
+held-out data, while G is wrong by ten times its sigma. The disagreement of parts of the recording reveals this. Each
+calibration is therefore repeated without an eighth of every interval at a time (the jackknife: Efron and Tibshirani, An
+Introduction to the Bootstrap, 1993, chapter 11), and the shapes of the remainder are in the model only if these parts agree
+better with them.
 
 No linear model describes recordings whose rates and references do not fit each other at all. A diagnosis has the calibrator's
-own gate (`gyrocal.calibration.gate`) and asks it of the repaired stream: spikes have been taken out and the mask leaves out
-clipped samples, so that real faults of the gyro stay below it. A single reference that is far off between two that agree is a
-fault of the references and is left to the diagnosis.
+own gate (`gyrocal.calibration.gate`) and applies it to the repaired stream: spikes have been taken out and the mask leaves out
+clipped samples, so that real faults of the gyro stay below it. A single reference that is far from two neighbours that agree is
+a fault of the references and is left to the diagnosis.
 """
 
 from __future__ import annotations
@@ -45,28 +46,26 @@ SETTLED_SHORT = 1e-6  # of G
 ELEMENTS = (*(f"G_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z")
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
-
-
 OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
 
 
 def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
-    """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
+    """Calibrate with effects in the model: the change (12,) of G and b, and its joint covariance with all amplitudes.
 
-    Start attitudes, calibration and the amplitudes of the effects are estimated together, the
-    latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
+    Start attitudes, calibration and the amplitudes of the effects are estimated together, the latter under the prior that their
+    evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
     after effect.
     """
-    return calibrate_beside(model, [(effect.columns, effect.prior_sigma) for effect in effects])
+    return calibrate_with_columns(model, [(effect.columns, effect.prior_sigma) for effect in effects])
 
 
-def calibrate_beside_remainder(
+def calibrate_with_remainder(
     model: RecordingModel, causes: Sequence[FittedEffect], unnamed: Sequence[FittedEffect]
 ) -> tuple[Array, Array]:
-    """The same with causes and what is in the model beside them.
+    """Calibrate with causes and remainder in the model; returns as `calibrate_with_effects`.
 
-    The sigmas of G and b are at least those by which parts of the recording differ; the covariance is of the amplitudes of the
-    causes and of those members of the remainder that the calibration is made with.
+    The sigmas of G and b are at least those by which parts of the recording differ. Shapes of the remainder are in the model,
+    and their amplitudes in the covariance, only if the parts agree better with them.
     """
     chosen = [*causes, *unnamed]
     if not unnamed:
@@ -85,7 +84,7 @@ def calibrate_beside_remainder(
 
 
 def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]) -> Array:
-    """(12,) sigma of G and b by the jackknife, each time without an eighth of every interval; zero where there is one part."""
+    """Compute the jackknife sigma (12,) of G and b, each time without an eighth of every interval; zero with one part only."""
     fold = np.repeat(assign_folds(model), 3)
     numbers = np.unique(fold)
     if numbers.size < 2:
@@ -97,14 +96,14 @@ def jackknife_calibration(model: RecordingModel, effects: Sequence[FittedEffect]
     scale = 1.0 / np.sqrt(np.maximum(np.sum(Z**2, axis=0) + prior, LEAST_POSITIVE))
     Z = Z * scale
     parts = [(Z[in_fold].T @ Z[in_fold], Z[in_fold].T @ y[in_fold]) for in_fold in (fold == number for number in numbers)]
-    whole = sum(part for part, _ in parts) + np.diag(prior * scale**2 + RIDGE)
-    along = sum(part for _, part in parts)
-    each = np.array([(scale * np.linalg.solve(whole - A, along - b))[:12] for A, b in parts])
-    return np.asarray(np.sqrt((numbers.size - 1) / numbers.size * np.sum((each - each.mean(axis=0)) ** 2, axis=0)))
+    information = sum(part for part, _ in parts) + np.diag(prior * scale**2 + RIDGE)
+    products = sum(part for _, part in parts)
+    estimates = np.array([(scale * np.linalg.solve(information - A, products - b))[:12] for A, b in parts])
+    return np.asarray(np.sqrt((numbers.size - 1) / numbers.size * np.sum((estimates - estimates.mean(axis=0)) ** 2, axis=0)))
 
 
-def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
-    """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
+def calibrate_with_columns(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
+    """Calibrate with effects given as whitened columns (N, k) and the prior sigma of their amplitudes."""
     Q = np.linalg.qr(np.hstack([model.starts, model.error_columns]))[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
@@ -119,9 +118,9 @@ def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float
 
 
 def calibrate_baseline(recording: Recording, report: SampleReport, reference_sigma: Array) -> tuple[RecordingModel, Array]:
-    """The model about its own calibration, and the (12,) sigma of that.
+    """Calibrate under M0; returns the model linearised about the calibration, and the sigma (12,) of G and b.
 
-    An `InputError` if rates and references do not fit each other, before the calibration or after it.
+    Raises an `InputError` if rates and references do not fit each other, before the calibration or after it.
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False
@@ -142,11 +141,11 @@ def calibrate_baseline(recording: Recording, report: SampleReport, reference_sig
 
 
 def _calibrate_short_pieces(recording: Recording, report: SampleReport, reference_sigma: Array) -> tuple[Array, Array] | None:
-    """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
+    """Calibrate with pairs of neighbouring references, between which a coarse a-priori calibration errs little.
 
-    None where they are not plausible, as with rates in another unit, or where even those are too far off.
+    None if G and b are not plausible, as with rates in another unit, or if even these pairs have too large residuals.
     """
-    gaps = [
+    pieces = [
         Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
         for piece in recording.intervals
         for number, (low, high) in enumerate(
@@ -154,26 +153,26 @@ def _calibrate_short_pieces(recording: Recording, report: SampleReport, referenc
         )
         if high - low > recording.gyro.sample_s
     ]
-    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
-    if len(some) < FEWEST_SHORT or not report.rates.any():
+    chosen = tuple(pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_SHORT).astype(np.intp))) if pieces else ()
+    if len(chosen) < FEWEST_SHORT or not report.rates.any():
         return None
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     for _ in range(MOST_ITERATIONS):
-        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, chosen, reference_sigma)
         if has_large_residuals(model):
             return None
         change, _ = compute_correction(model)
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
         if np.abs(change[:9]).max() < SETTLED_SHORT:
             break
-    moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
-    return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
+    change_from_apriori = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
+    return None if (np.abs(change_from_apriori) > IMPLAUSIBLE).any() else (G, bias)
 
 
 def compute_correction(model: RecordingModel, ranges: Array = PLAUSIBLE_RANGE) -> tuple[Array, Array]:
-    """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
+    """Compute the least-squares correction (12,) of G and b and its covariance (12, 12), with free start attitudes.
 
-    A broad prior, ten plausible ranges (12,) wide, keeps what cannot be observed where it is.
+    A broad prior, ten plausible ranges (12,) wide, leaves unobserved parameters unchanged.
     """
     Q = np.linalg.qr(model.starts)[0]
     scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * ranges
@@ -185,7 +184,7 @@ def compute_correction(model: RecordingModel, ranges: Array = PLAUSIBLE_RANGE) -
 
 
 def report_unobserved(model: RecordingModel) -> tuple[tuple[str, ...], str]:
-    """Elements of G and b that stay less certain than `UNSEEN` of the plausible range of the gyro's grade, and that grade."""
+    """List the elements of G and b less certain than `UNSEEN` of the plausible range of the gyro's grade; and the grade."""
     plausible = estimate_plausible_ranges(model.recording)
     ranges = plausible.vector(np.arange(12) >= 9)
     sigma = np.sqrt(np.diag(compute_correction(model, ranges)[1]))
@@ -193,7 +192,7 @@ def report_unobserved(model: RecordingModel) -> tuple[tuple[str, ...], str]:
 
 
 def describe_unobserved(model: RecordingModel) -> tuple[str, ...]:
-    """Sentence with the elements of G and b that are not observed; none if all are."""
+    """Write a sentence on the elements of G and b that are not observed; none if all are."""
     names, reason = report_unobserved(model)
     return (
         (f"Not observed by these motions: {', '.join(names)} ({reason}); effects that act like them cannot be seen either",)
@@ -207,11 +206,11 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
 
     A `LargeResidualError` has the interval, the time and the reading that would fit.
     """
-    error, kept = _find_large_residuals(model)
+    error, is_counted = _find_large_residuals(model)
     if error is None:
         return
     recording, gyro = model.recording, model.recording.gyro
-    number = np.flatnonzero(kept)[error.output]
+    number = np.flatnonzero(is_counted)[error.output]
     name = recording.intervals[model.blocks[model.interval_of_reference[number]].interval].name
     t_s = recording.attitudes.t_s[model.reference_rows[number]]
     repaired = replace(recording, gyro=replace(gyro, rates=rates))
@@ -219,42 +218,42 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
 
 
 def has_large_residuals(model: RecordingModel) -> bool:
-    """Whether `check_residuals` would refuse the recording, without the search for its reason, which takes seconds."""
+    """Check whether `check_residuals` would refuse the recording, without searching for the reason, which takes seconds."""
     return _find_large_residuals(model)[0] is not None
 
 
 def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
-    """The error of residuals that are too large, None if none is, and which references it counts."""
+    """Return the error of residuals that are too large, None if none is, and the mask of the references it counts."""
     residuals = np.where(np.isfinite(model.off), model.off, np.inf)
-    kept = np.ones(len(residuals), dtype=bool)
+    is_counted = np.ones(len(residuals), dtype=bool)
     if (np.linalg.norm(residuals, axis=1) <= LARGEST_RESIDUAL).all():
-        return None, kept
+        return None, is_counted
     if np.isfinite(residuals).all():
-        residuals, kept = _drop_outliers(residuals, model.interval_of_reference)
+        residuals, is_counted = _drop_outliers(residuals, model.interval_of_reference)
     try:
         check_residual_size(residuals)
     except LargeResidualError as error:
-        return error, kept
-    return None, kept
+        return error, is_counted
+    return None, is_counted
 
 
 def _drop_outliers(residuals: Array, block: Indices) -> tuple[Array, Mask]:
-    """Residuals (k, 3) of the references that are no single outliers, from the first of those of their block, and which."""
-    kept = np.ones(len(residuals), dtype=bool)
-    based = residuals.copy()
+    """Drop single outliers of the residuals (k, 3) and refer the others to the first of their block; also their mask."""
+    is_counted = np.ones(len(residuals), dtype=bool)
+    referred = residuals.copy()
     for number in np.unique(block):
         rows = np.flatnonzero(block == number)
         turned = Rotation.from_rotvec(residuals[rows])
-        good = ~_find_isolated(turned)
-        kept[rows] = good
-        based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
-    if np.sum(~kept) > max(1, OUTLIERS * kept.size):
+        is_inlier = ~_find_isolated(turned)
+        is_counted[rows] = is_inlier
+        referred[rows] = (turned[int(np.argmax(is_inlier))].inv() * turned).as_rotvec()
+    if np.sum(~is_counted) > max(1, OUTLIERS * is_counted.size):
         return residuals, np.ones(len(residuals), dtype=bool)
-    return based[kept], kept
+    return referred[is_counted], is_counted
 
 
 def _find_isolated(turned: Rotation) -> Mask:
-    """Which of the residuals of a block are far from both their neighbours, which agree; at an end, from the two nearest."""
+    """Mark the residuals of a block that are far from both neighbours, which agree; at an end, from the two nearest."""
     count = len(turned)
     if count < 4:
         return np.zeros(count, dtype=bool)

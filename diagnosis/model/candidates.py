@@ -1,18 +1,19 @@
-"""The linear model of a recording: every effect that could be named, and every unlisted rival, side by side.
+"""Build the linear model of a recording: columns of all effects that could be named and of all unlisted rivals.
 
-An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
-(`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
-`diagnosis.model.alternatives` and `diagnosis.model.processes`. All get their places, their scales and their priors, and the
-recording's nuisance parameters are taken out of them.
+An effect defines its columns or its covariance, the options to try and its prior weight (`simulator.effects.base.Effect`); this
+module converts its columns to observations of the recording. Unlisted rivals are those of `diagnosis.model.alternatives` and
+`diagnosis.model.processes`. All get their places, their scales and their priors, and the recording's nuisance parameters are
+projected out of them.
 
-The columns of an effect that is not linear in the rate are made at the rates that M0 shows. Those hold the effect itself: of
-raw = ω + s c(ω) they are about ω + s c(ω) − δ, with δ what G and b take of it, and c at them is off by s c'(ω) times that. A
-scale factor that grows by some percent up to the fastest turn is then told as smaller by about as much of itself. Beside it, G
-and b differ from those of M0 by δG and δb. With these and s by least squares, the true rate is
+The columns of an effect that is not linear in the rate are computed at the rates under M0, which contain the effect itself: for
+raw = ω + s c(ω) they are about ω + s c(ω) − δ, with δ the part that G and b absorb, and c at these rates errs by s c'(ω) times
+that. A scale factor that grows by some percent up to the fastest turn would be estimated too small by about the same
+percentage. With the effect in the model, G and b differ from those of M0 by δG and δb. With these and s by least squares, the
+true rate is
 
     ω = ω_M0 + δG ω_raw + δb − s (G + δG) c(ω),
 
-whose last term is the effect's column. At the new ω all is estimated anew, until the columns stay.
+whose last term is the effect's column. At the new ω all is estimated again, until the columns converge.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ from gyrocal.arrays import Array
 from simulator.effects.base import Effect, Surroundings
 
 ROUNDS = 6  # at most
-UNCHANGED = 0.03  # sigmas of all observations together, by which what the effect does still changes
+UNCHANGED = 0.03  # sigmas of all observations together, change of the effect below which the columns have converged
 NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
 
@@ -69,8 +70,8 @@ def build_linear_model(
     Parameters
     ----------
     rivals : whether unlisted rivals compete
-    scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
-    report_count : called with the number of candidates that are made, before each
+    scan : whether the data are scanned for sinusoids of any period; if not, some periods stand for all of them
+    report_count : called with the number of groups built so far, before each
     """
     report_count(0)
     periods = scan_periods(model) if scan else None
@@ -108,8 +109,8 @@ def list_candidates(
 ) -> tuple[Candidate, ...]:
     """List the candidates of groups whose columns lie side by side, with their scales and priors.
 
-    Each effect has the same prior, shared by its axes, and so has each rival. What could not be seen is left out, at
-    signal-to-noise ratios of a visible range. `projected` takes the nuisance parameters out of columns.
+    Each effect has the same prior, shared by its axes, and so has each rival. Scales with signal-to-noise ratios outside the
+    `visible` range are left out, and candidates without scales. `projected` projects the nuisance parameters out of columns.
     """
     names = {group.effect for group in groups if group.listed}
     rivals = {group.effect for group in groups if not group.listed}
@@ -120,25 +121,15 @@ def list_candidates(
         stops = stop + np.cumsum([part.shape[1] for part in group.columns], dtype=int)
         stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
-        largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = build_scales(*find_scale_range(largest, group.limits, visible)) if group.scales is None else group.scales
-        # What a size of a random process shows differs between its options, each of which has scales of its own.
-        windows = []
-        if group.process and group.scales is None:
-            windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
-        if windows and scales.size:
-            scales = build_scales(
-                min(low for low, high in windows if low < high), max(high for low, high in windows if low < high)
-            )
+        scales, windows = _choose_scales(group, norms, visible)
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
-        windows = windows or [UNBOUNDED_SCALES] * len(norms)
         for end, norm, weight, parameters, window in zip(
             stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
         ):
-            if not window[0] < window[1] or (group.scales is None and not norm.size):  # nothing of it can be seen here
+            if not window[0] < window[1] or (group.scales is None and not norm.size):  # the option cannot be seen here
                 continue
             options.append(ParameterChoice(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
         prior = float(np.log(group.weight * family / axes[group.effect]))
@@ -151,6 +142,23 @@ def list_candidates(
     return tuple(candidates)
 
 
+def _choose_scales(
+    group: CandidateColumns, norms: Sequence[Array], visible: tuple[float, float]
+) -> tuple[Array, list[tuple[float, float]]]:
+    """Choose the scales of a group by the norms of its columns per option; also the range of scales that each option has."""
+    unbounded = [UNBOUNDED_SCALES] * len(norms)
+    if group.scales is not None:
+        return group.scales, unbounded
+    largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
+    scales = build_scales(*find_scale_range(largest, group.limits, visible))
+    if not (group.process and scales.size):
+        return scales, unbounded
+    # The signal-to-noise ratio of a random process differs between its options, each of which has its own scales.
+    windows = [find_scale_range(float(norm.max(initial=0.0)), group.limits, visible) for norm in norms]
+    shown = [(low, high) for low, high in windows if low < high]
+    return build_scales(min(low for low, _ in shown), max(high for _, high in shown)), windows
+
+
 def assemble_linear_model(
     model: RecordingModel,
     candidates: tuple[Candidate, ...],
@@ -158,7 +166,7 @@ def assemble_linear_model(
     effects: Mapping[str, Effect],
     settings: DiagnosisSettings,
 ) -> LinearModel:
-    """The linear model of a recording, by the columns of all candidates side by side."""
+    """Assemble the linear model of a recording from its candidates and their stored columns."""
     W = store.restore()
 
     def refine(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
@@ -194,7 +202,7 @@ def assemble_linear_model(
 def list_effect_groups(
     model: RecordingModel, effects: Sequence[Effect], periods: Found | None, steps: StepTimes | None = None
 ) -> Iterator[CandidateColumns]:
-    """The effects that have columns or a covariance and can be seen in this recording.
+    """List the effects that have columns or a covariance and can be seen in this recording, as groups of columns.
 
     Steps are tried at the times of `step_times` unless others are given.
     """
@@ -216,7 +224,7 @@ def list_effect_groups(
 
 
 def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> CandidateColumns:
-    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
+    """Build the group of an effect that acts throughout, with an option for each set of parameters that is tried."""
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
@@ -231,7 +239,7 @@ def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, a
 def build_switched_group(
     model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
 ) -> CandidateColumns:
-    """An effect that is switched on at some time, with an option for each time that is tried."""
+    """Build the group of an effect that is switched on at some time, with an option for each time that is tried."""
     times, widths, weights, firsts = steps or step_times(model)
     columns: list[Array] = []
     parameters: list[Parameters] = []
@@ -248,23 +256,23 @@ def build_switched_group(
 
 
 def list_process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[CandidateColumns]:
-    """A random process about each axis."""
+    """List the groups of a random process, one about each axis."""
     trials = effect.trials(around)
     covariance, places = processes.list_process_places(model, effect)
     columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
     for trial in trials:
         K = covariance(trial.parameters)  # one at a time: there may be two thousand times
-        for place, made in zip(places, columns.values(), strict=True):
-            made.append(processes.build_usual_columns(place, K))
-    for axis, made in columns.items():
-        group = build_group(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        for place, axis_columns in zip(places, columns.values(), strict=True):
+            axis_columns.append(processes.build_usual_columns(place, K))
+    for axis, axis_columns in columns.items():
+        group = build_group(effect, axis, axis_columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 
 
 def build_group(
     effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
 ) -> CandidateColumns:
-    """An effect as a group, by its columns at each set of parameters."""
+    """Build the group of a listed effect from its columns at each set of parameters."""
     return CandidateColumns(
         effect=effect.name,
         axis=axis,
@@ -281,12 +289,12 @@ def build_group(
 
 
 def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, periods: Found) -> CandidateColumns:
-    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    """Build the group of a sinusoidal effect, with an option for each period that a scan of the data has selected."""
     options = periods[effect.on_references, AXES.index(axis)]
     columns = make_effect_columns(model, effect, axis, np.array([period.frequency for period in options]))
     parameters = [option.parameters for option in options]
     group = build_group(effect, axis, columns, parameters, [float(np.exp(period.log_weight)) for period in options])
-    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    # The signal-to-noise ratio of a size grows with the period: the scales cover all options, not only the strongest.
     norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
     return replace(group, scanned=True, scales=build_scales(low, high))
@@ -300,18 +308,18 @@ def list_alternative_groups(model: RecordingModel, periods: Found, effects: Sequ
     between = build_interval_steps(model, effects)
     for alternative in processes.list_process_alternatives(model):
         bases = between.get(alternative.axis or "", [])
-        kept = [
+        selected = [
             k for k, columns in enumerate(alternative.columns) if not _is_within(model.project_out_nuisance(columns), bases)
         ]
-        if kept:
-            columns, parameters = [alternative.columns[k] for k in kept], [alternative.parameters[k] for k in kept]
+        if selected:
+            columns, parameters = [alternative.columns[k] for k in selected], [alternative.parameters[k] for k in selected]
             yield build_rival(alternative.effect, alternative.axis, columns, True, parameters=parameters)
 
 
 def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
-    """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
+    """Build orthonormal bases (N, k) of steps of listed effects about each axis between two intervals.
 
-    Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
+    With just two intervals, a different value in each is a step between them, and no rival of a step.
     """
     bases: dict[str, list[Array]] = {axis: [] for axis in AXES}
     if len(model.blocks) != 2:
@@ -329,13 +337,13 @@ def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> di
 
 
 def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
-    """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
+    """Check whether projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
     power = float(np.sum(columns**2))
     return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
 
 
 def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
-    """The linear model with the columns of a member's option at the true rates, where those differ enough.
+    """Replace the columns of a member's option by those at the true rates, where these differ enough.
 
     Only effects with columns that are not switched on are changed.
     """
@@ -365,13 +373,13 @@ def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedC
 
 
 def _fit_amplitudes(linear: LinearModel, member: SelectedCandidate, X: Array) -> Array:
-    """(k,) amplitudes of columns (N, k) under the prior at which the member is held."""
+    """Fit the amplitudes (k,) of columns (N, k) under the prior of the member's scale."""
     return np.asarray(np.linalg.solve(X.T @ X + np.eye(X.shape[1]) / linear.scale(member) ** 2, X.T @ linear.y))
 
 
-def _change(model: RecordingModel, explained: Array) -> Array:
-    """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
+def _change(model: RecordingModel, explained_by_effect: Array) -> Array:
+    """Fit the change (12,) of G_xx, …, G_zz and b, rad/s, from M0 beside the observations (N,) that an effect explains."""
     columns = np.hstack([model.calibration, model.starts])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
-    unexplained = model.whiten(model.zeta) - explained
+    unexplained = model.whiten(model.zeta) - explained_by_effect
     return np.asarray((scale * np.linalg.lstsq(columns * scale, unexplained, rcond=RANK)[0])[:12])

@@ -47,7 +47,7 @@ FOLD_COLUMNS_PER_BATCH = 256  # columns; these stay in a processor's cache
 
 
 def build_folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
-    """Folds of a recording with whitened columns (N, p); those that would leave nothing to learn from are left out."""
+    """Build the folds of a recording with whitened columns (N, p); those that would leave nothing to train on are left out."""
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     owner = np.repeat(names[model.observation_block], 3)
     rows = np.repeat(assign_folds(model), 3)
@@ -79,52 +79,52 @@ class ConditionedRows:
 
 
 def condition_rows(model: RecordingModel, W: Array, out: Mask) -> ConditionedRows:
-    """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
+    """Condition the rows `out` (N,) of a recording, with whitened columns W (N, p), on the others; see the module."""
     parts = []
     for block in model.blocks:
-        held = np.flatnonzero(out[block.rows])
-        Z = _build_hidden_basis(block.whitener, held)
-        parts.append(_Part(block.rows, Z, block.whitener[held] @ Z))
+        held_rows = np.flatnonzero(out[block.rows])
+        Z = _build_hidden_basis(block.whitener, held_rows)
+        parts.append(_Part(block.rows, Z, block.whitener[held_rows] @ Z))
     B, D = _split_values(parts, build_shared_columns(model))
     train_y, error_y = _split_values(parts, model.whiten(model.zeta))
-    # With as many rows of zeros below, there is a singular value for what no training row shows as well.
+    # Rows of zeros below add singular values for directions that no training row shows.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
     Q, D = Q[: len(B)], D @ U.T
     shrunk, gain = Q * (1 - 1 / np.sqrt(1 + S**2)), D * (S / (1 + S**2))
     train_X, error_X = np.empty(W.shape, order="F"), np.empty((len(D), W.shape[1]), order="F")
     for first in range(0, W.shape[1], FOLD_COLUMNS_PER_BATCH):
-        some = slice(first, first + FOLD_COLUMNS_PER_BATCH)
-        train, error = _split_values(parts, W[:, some])
-        along = Q.T @ train
-        train_X[:, some], error_X[:, some] = train - shrunk @ along, error - gain @ along
-    along_y = Q.T @ train_y
+        batch = slice(first, first + FOLD_COLUMNS_PER_BATCH)
+        train, error = _split_values(parts, W[:, batch])
+        components = Q.T @ train
+        train_X[:, batch], error_X[:, batch] = train - shrunk @ components, error - gain @ components
+    components_y = Q.T @ train_y
     noise = scipy.linalg.block_diag(*(part.shown @ part.shown.T for part in parts))
     return ConditionedRows(
-        train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise + (D / (1 + S**2)) @ D.T
+        train_y - shrunk @ components_y, train_X, error_y - gain @ components_y, error_X, noise + (D / (1 + S**2)) @ D.T
     )
 
 
 @dataclass(frozen=True)
 class _Part:
-    """What is held out of a block: its rows among all, Z (n, s), and L_s Z (s, s)."""
+    """Rows held out of a block."""
 
-    rows: slice
-    hidden: Array
-    shown: Array
+    rows: slice  # of the block among all
+    hidden: Array  # Z (n, s)
+    shown: Array  # L_s Z (s, s)
 
 
 def _split_values(parts: list[_Part], values: Array) -> tuple[Array, Array]:
-    """Whitened values (N,) or (N, k) without what training rows do not show, x̃, and of the rows held out L_s Z Zᵀx."""
+    """Split whitened values (N,) or (N, k) into the part x̃ that training rows show, and L_s Z Zᵀx of the rows held out."""
     visible, shown = np.array(values, order="F"), []
     for part in parts:
-        along = part.hidden.T @ values[part.rows]
-        visible[part.rows] -= part.hidden @ along
-        shown.append(part.shown @ along)
+        hidden = part.hidden.T @ values[part.rows]
+        visible[part.rows] -= part.hidden @ hidden
+        shown.append(part.shown @ hidden)
     return visible, np.concatenate(shown)
 
 
 def _build_hidden_basis(L: Array, rows: Indices) -> Array:
-    """(n, s) orthonormal basis of the whitened values of which the other rows of a block show nothing."""
+    """Build an orthonormal basis (n, s) of the whitened values that the other rows of a block do not show."""
     if rows.size == len(L):
         return np.eye(len(L))
     units = np.zeros((len(L), rows.size))
@@ -142,27 +142,27 @@ def build_normal_fold(sigma: Array, observed: Array, columns: Array, out: Mask, 
 
 
 def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covariance: Array, owner: NDArray[np.str_]) -> Fold:
-    """A fold by the errors of its prediction and their covariance."""
+    """Build a fold from the errors of its prediction and their covariance."""
     root = np.asarray(np.linalg.cholesky(covariance))
     dof = {str(name): float(np.sum(owner == name)) for name in np.unique(owner)}
     return Fold(train_y, train_X, _solve_lower(root, error_y), _solve_lower(root, error_X), owner, dof)
 
 
 def assign_folds(model: RecordingModel) -> Indices:
-    """(r,) fold of each observation: which eighth of its interval, counted from another one in each interval.
+    """Assign each observation (r,) to a fold: the eighth of its interval, counted from a different one in each interval.
 
     Intervals are ranked by length, so that two of one kind, such as two slews, do not hold the same part out together.
     """
     rank = np.argsort(np.argsort([block.elapsed_s[-1] for block in model.blocks]))
-    each = [
-        (np.arange(block.groups.size) * PARTS // block.groups.size + int(place)) % PARTS
-        for place, block in zip(rank, model.blocks, strict=True)
+    fold_of_block = [
+        (np.arange(block.groups.size) * PARTS // block.groups.size + int(rank_of_block)) % PARTS
+        for rank_of_block, block in zip(rank, model.blocks, strict=True)
     ]
-    return np.concatenate(each)
+    return np.concatenate(fold_of_block)
 
 
 def build_shared_columns(model: RecordingModel) -> Array:
-    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b and lines."""
+    """Build the whitened columns B (N, q) of starts, G, b and lines, which intervals share, in units of their priors."""
     scale = np.concatenate([np.full(model.starts.shape[1], START), BROAD * PLAUSIBLE_RANGE])
     return np.hstack([np.hstack([model.starts, model.calibration]) * scale, model.error_columns])
 

@@ -1,15 +1,15 @@
-"""The linear model that every diagnosis rests on, whatever the data it was built from.
+"""The linear model of every diagnosis, of a recording, of sensor tables or of other data.
 
 Observations y are whitened, so that their noise is N(0, I) under the baseline M0, and the nuisance parameters that M0 itself
-estimates (start attitudes, G and b, a sensor's epoch attitude …) are projected out. What an unmodelled effect adds is a group
-of columns X of the same kind, times amplitudes a:
+estimates (start attitudes, G and b, a sensor's epoch attitude …) are projected out. An unmodelled effect adds a group of
+columns X of the same kind, times amplitudes a:
 
     y = Σ X_e a_e + noise,    a_e ~ N(0, s² I) with the scale s unknown within the effect's plausible range.
 
-A *candidate* is one effect about one axis, or one *unlisted rival*, a discrepancy that is on no list. It can have several
+A *candidate* is one effect about one axis, or one *unlisted rival*, an error outside the library. It can have several
 *options*, such as the times at which a step may have happened. A random process is a candidate like any other: its columns are
-the factor of its covariance. What is nonlinear is linearised about a point of its own; what that leaves over is a *shift*, one
-more column, whose amplitude is one wherever the candidate is at work. A candidate with nothing but a shift is there or not.
+the factor of its covariance. A nonlinear effect is linearised about its own point; the constant term is a *shift*, one more
+column, whose amplitude is one if the candidate acts. A candidate with only a shift acts or does not.
 
 Builders make a `LinearModel` from a recording (`diagnosis.model.candidates`), from raw sensor tables
 (`diagnosis.model.sensors.tables`) or from other data. `diagnosis.inference` knows none of them.
@@ -29,8 +29,8 @@ from gyrocal.arrays import Array, Indices, Mask
 
 Parameters = dict[str, float | str]
 
-# Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and
-# nothing larger than the upper end would be left for a linear model to explain.
+# Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: smaller ones cannot be seen, and larger
+# ones do not remain for a linear model to explain.
 VISIBLE = (1.0, 300.0)
 ROUNDING = 1e-9  # relative, by which a scale may lie beyond the end of its range
 PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
@@ -58,12 +58,12 @@ class ParameterChoice:
 
 
 def read_first_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
-    """Size of an effect with one amplitude."""
+    """Return the size of an effect with one amplitude, without further parameters."""
     return float(amplitudes[0]), {}
 
 
 def add_no_sigma(size: float) -> float:
-    """No further sigma."""
+    """Return zero: no further sigma."""
     return 0.0
 
 
@@ -141,7 +141,7 @@ def build_rival(
     weights: Array | None = None,
     parameters: Sequence[Parameters] | None = None,
 ) -> CandidateColumns:
-    """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
+    """Build an error outside the library, with options of equal prior unless their weights are given."""
     count = len(columns)
     shares = np.full(count, 1 / count) if weights is None else weights
     return CandidateColumns(name, axis, False, columns, parameters or [{}] * count, shares, (0.0, np.inf), "", process)
@@ -149,16 +149,15 @@ def build_rival(
 
 @dataclass(frozen=True)
 class SelectedCandidate:
-    """A candidate in an explanation, with the option and the scale at which it is held."""
+    """A candidate in an explanation, with its option and its scale."""
 
     candidate: int
     option: int
     scale: int
 
 
-Wanted = tuple[
-    tuple[SelectedCandidate, ...], float
-]  # members, and the log of the likelihood ratio that something beside them must have
+# members, and the log of the likelihood ratio that a further candidate must exceed beside them
+Wanted = tuple[tuple[SelectedCandidate, ...], float]
 
 
 @dataclass(frozen=True)
@@ -192,13 +191,13 @@ class RestoredColumns:
         return self.X.shape[0], self.X.shape[1]
 
     def __getitem__(self, place: Any) -> Array:
-        """Some of the columns, by [rows] or [rows, columns]."""
+        """Restore selected columns, by [rows] or [rows, columns]."""
         rows, columns = place if isinstance(place, tuple) else (place, slice(None))
         X, basis, hidden = self.X[rows], self.basis[rows], self.hidden[:, columns]
         selected = np.empty((len(X), *hidden.shape[1:]), order="F")
         for first in range(0, len(selected), RESTORED_ROWS_PER_BATCH):  # all at once would be as large again
-            some = slice(first, first + RESTORED_ROWS_PER_BATCH)
-            selected[some] = X[some, columns] + basis[some] @ hidden
+            batch = slice(first, first + RESTORED_ROWS_PER_BATCH)
+            selected[batch] = X[batch, columns] + basis[batch] @ hidden
         return selected
 
 
@@ -209,22 +208,22 @@ class Room:
     memory: Array  # (N, c)
     used: int = 0  # columns that are taken; nothing changes them any more
 
-    def append(self, more: Array) -> None:
+    def append(self, columns: Array) -> None:
         """Append columns (N, k), in a larger memory if there is no room for them."""
-        stop = self.used + more.shape[1]
+        stop = self.used + columns.shape[1]
         if stop > self.memory.shape[1]:
             larger = np.empty((len(self.memory), 2 * stop), order="F")
             larger[:, : self.used] = self.memory[:, : self.used]
             self.memory = larger
-        self.memory[:, self.used : stop] = more
+        self.memory[:, self.used : stop] = columns
         self.used = stop
 
-    def append_columns(self, columns: Array, more: Array) -> Array:
-        """Columns and more of them side by side: without a copy if they are the last in this memory, and there is room."""
-        stop = self.used + more.shape[1]
+    def append_columns(self, columns: Array, further: Array) -> Array:
+        """Append columns to others side by side: without a copy if these are the last in this memory and there is room."""
+        stop = self.used + further.shape[1]
         if columns.base is not self.memory or columns.shape[1] != self.used or stop > self.memory.shape[1]:
-            return np.hstack([columns, more])
-        self.append(more)
+            return np.hstack([columns, further])
+        self.append(further)
         return self.memory[:, :stop]
 
 
@@ -243,7 +242,7 @@ class ColumnStore:
         return self.room.memory[:, used : self.room.used]
 
     def restore(self) -> RestoredColumns:
-        """All columns, projected and before that."""
+        """Return all columns, projected and restorable to before the projection."""
         used = self.room.used
         return RestoredColumns(self.room.memory[:, :used], self.basis, self._hidden.memory[:, :used])
 
@@ -271,19 +270,19 @@ class LinearModel:
     moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
 
     def find(self, label: str) -> int | None:
-        """Index of a candidate by its label."""
+        """Find the index of a candidate by its label."""
         return next((k for k, candidate in enumerate(self.candidates) if candidate.label == label), None)
 
     def candidate(self, member: SelectedCandidate) -> Candidate:
-        """The candidate of a member."""
+        """Return the candidate of a member."""
         return self.candidates[member.candidate]
 
     def option(self, member: SelectedCandidate) -> ParameterChoice:
-        """The option at which a member is held."""
+        """Return the option of a member."""
         return self.candidates[member.candidate].options[member.option]
 
     def scale(self, member: SelectedCandidate) -> float:
-        """The scale at which a member is held."""
+        """Return the scale of a member."""
         return float(self.candidates[member.candidate].scales[member.scale])
 
     def build_design(self, members: Sequence[SelectedCandidate]) -> tuple[Indices, Array, Indices]:
@@ -301,15 +300,15 @@ class LinearModel:
     def replace_options(
         self, place: int, options: Sequence[ParameterChoice], W: Array, X: Array, scales: Array | None = None
     ) -> LinearModel:
-        """The model with other options of one candidate, its new columns appended to those there are, and its scales."""
+        """Replace the options of one candidate, append its new columns to the model, and set its scales."""
         candidates, new_scales = list(self.candidates), self.candidates[place].scales if scales is None else scales
         candidates[place] = replace(candidates[place], options=tuple(options), scales=new_scales)
         together = np.hstack([self.X, X]) if self.room is None else self.room.append_columns(self.X, X)
         if isinstance(self.W, RestoredColumns):
-            taken = self.W.basis.T @ W
-            # A model whose columns have lost more than this basis has others than those that W is restored from.
-            new_scales = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ taken])
-            restored = replace(self.W, X=new_scales, hidden=np.hstack([self.W.hidden, taken]))
+            hidden = self.W.basis.T @ W
+            # Only if X has lost this basis alone are its columns those that W is restored from.
+            restored_X = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ hidden])
+            restored = replace(self.W, X=restored_X, hidden=np.hstack([self.W.hidden, hidden]))
             return replace(self, W=restored, X=together, candidates=tuple(candidates))
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
@@ -317,22 +316,22 @@ class LinearModel:
 def find_scale_range(
     largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE
 ) -> tuple[float, float]:
-    """Range of the scales that the data can show and that are physically plausible; no range where there are none.
+    """Find the range of scales that the data can show and that are plausible; no range where there are none.
 
     `largest` is the largest ‖X‖ per unit amplitude.
     """
     return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
-def refine_scales(scales: Array, held: int) -> Array:
-    """The scales with further ones around one of them, `FINER` from it to each neighbour."""
-    neighbours = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
-    more = [np.geomspace(scales[held], neighbour, FINER + 2)[1:-1] for neighbour in neighbours]
-    return np.unique(np.concatenate([scales, *more]))
+def refine_scales(scales: Array, best: int) -> Array:
+    """Add `FINER` scales from one of the scales to each of its neighbours."""
+    neighbours = [scales[k] for k in (best - 1, best + 1) if 0 <= k < scales.size]
+    finer = [np.geomspace(scales[best], neighbour, FINER + 2)[1:-1] for neighbour in neighbours]
+    return np.unique(np.concatenate([scales, *finer]))
 
 
 def build_scales(low: float, high: float) -> Array:
-    """Scales from one to another, evenly spaced in log; none if there are none between."""
+    """Build scales from `low` to `high`, evenly spaced in log; empty if there are none between."""
     if low >= high:
         return np.empty(0)
     return np.geomspace(low, high, max(3, round(PER_DECADE * np.log10(high / low)) + 1))

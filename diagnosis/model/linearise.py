@@ -1,10 +1,10 @@
 """Linearise a recording (`diagnosis.model.recording_model`): propagation, steps, averages, covariance.
 
-Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
-one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
-references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
-averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance with any later
-observation is Σ_i W_i/n.
+Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are computed on *steps*,
+each of one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than
+`MOST_OBSERVATIONS` references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n
+references that are averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance
+with any later observation is Σ_i W_i/n.
 
 Where the propagated attitude is too far from the references, the recording is linearised along another path. With A the true
 and A_prop the propagated attitude, Aᵀ = E A_propᵀ, and E = exp([ζ×]) obeys Ė Eᵀ = [(Aᵀ δω)×] exactly, δω being the error of the
@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -45,6 +46,21 @@ NOISE = 0.05  # of the largest ζ, that the noise of the path may be
 WIDEST = 0.2  # of the references of an interval in an average
 
 
+class _IntervalArrays(NamedTuple):
+    """Arrays of an interval that are joined to those of a `RecordingModel` with the same names."""
+
+    t_s: Array
+    dt: Array
+    raw: Array
+    to_inertial: Array
+    at_reference: Array
+    zeta: Array
+    residuals: Array
+    off: Array
+    errors: Array
+    walk: Array
+
+
 def linearise_recording(
     recording: Recording,
     G: Array,
@@ -55,7 +71,7 @@ def linearise_recording(
     pieces: Sequence[Interval] | None = None,
     sigma: Array | None = None,
 ) -> RecordingModel:
-    """The linear model of a recording.
+    """Linearise a recording about a calibration.
 
     Parameters
     ----------
@@ -69,25 +85,25 @@ def linearise_recording(
     """
     parts, row_of = _measure_pieces(recording, pieces)
     stream = recording.gyro.rates if rates is None else rates
-    shown = stream if smooth is None else smooth
+    motion = stream if smooth is None else smooth
     sigmas = recording.attitudes.sigma if sigma is None else sigma
     tags = recording.gyro.t_s
-    references_each = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
+    references_per_observation = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
     edges, first, last, arc = _choose_steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
-    made: list[tuple[Array, ...]] = []
+    arrays: list[_IntervalArrays] = []
     rows = steps = 0
     for number, interval_edges in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        width = max(1, min(references_each, references.size // FEWEST_OBSERVATIONS))
+        width = max(1, min(references_per_observation, references.size // FEWEST_OBSERVATIONS))
         groups = np.arange(0, references.size, width)
         samples = parts.arcs.sample[interval_edges[0] : interval_edges[-1]]
         dt = parts.arcs.dt[interval_edges[0] : interval_edges[-1]]
         begin = interval_edges[:-1] - interval_edges[0]
         length = np.add.reduceat(dt, begin)
-        raw = np.add.reduceat(shown[samples] * dt[:, None], begin, axis=0) / length[:, None]
+        raw = np.add.reduceat(motion[samples] * dt[:, None], begin, axis=0) / length[:, None]
         angles = np.add.reduceat(stream[samples] * dt[:, None], begin, axis=0) @ G.T + np.outer(length, bias)
         start = Rotation.from_quat(recording.attitudes.quaternions[references[0]])  # as a matrix, Aᵀ
         turned = run.R[arc == number]
@@ -103,8 +119,8 @@ def linearise_recording(
             zeta, turns = path
             at, middle = Rotation.from_rotvec(turns).as_matrix() @ at, interpolate_turns(turns, ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        began = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
-        t_s = began + np.cumsum(length) - 0.5 * length
+        begin_s = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
+        t_s = begin_s + np.cumsum(length) - 0.5 * length
         if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
@@ -117,32 +133,28 @@ def linearise_recording(
         whitener = np.asarray(np.linalg.cholesky(V))
         times = recording.attitudes.t_s[references]
         middle_time = 0.5 * (times.min() + times.max())
-        interval = next(k for k, one in enumerate(recording.intervals) if one.start_s <= middle_time <= one.stop_s)
+        interval = next(k for k, entry in enumerate(recording.intervals) if entry.start_s <= middle_time <= entry.stop_s)
         stop = rows + 3 * groups.size
         block = Block(
             interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
         )
-        made.append((t_s, length, raw, middle, at, block.average_references(zeta).ravel(), zeta, off, errors, walk))
+        means = block.average_references(zeta).ravel()
+        arrays.append(_IntervalArrays(t_s, length, raw, middle, at, means, zeta, off, errors, walk))
         blocks.append(block)
         rows, steps = stop, steps + begin.size
-    t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
-        np.concatenate(values) for values in zip(*made, strict=True)
-    )
-    return RecordingModel(
-        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals,
-        off, errors, walks,
-    )  # fmt: skip
+    joined = _IntervalArrays(*(np.concatenate(values) for values in zip(*arrays, strict=True)))
+    return RecordingModel(recording, G, bias, rates=joined.raw @ G.T + bias, blocks=tuple(blocks), **joined._asdict())
 
 
 def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
-    """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
-    each = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
+    """Choose the edges of the steps of each arc among its samples; also first and last sample and arc of each step."""
+    samples_per_step = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
     edges, firsts, lasts, arcs = [], [], [], []
     for number in range(int(parts.arcs.arc[-1]) + 1):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         low, stops = int(parts.arcs.first[outputs[0]]), parts.arcs.last[outputs]
-        # Counted afresh from every reference, so that no step reaches across one.
-        between = [np.arange(a, b, each) for a, b in pairwise([low, *stops.tolist()])]
+        # Steps are counted again from every reference, so that none crosses one.
+        between = [np.arange(a, b, samples_per_step) for a, b in pairwise([low, *stops.tolist()])]
         interval_edges = np.append(np.concatenate(between), stops[-1])
         edges.append(interval_edges)
         firsts.append(interval_edges[:-1])
@@ -152,7 +164,7 @@ def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices,
 
 
 def _measure_pieces(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
-    """The arcs of some pieces, and the recording's row of each reference they count."""
+    """Prepare the arcs of some pieces; also the recording's row of each of their references."""
     attitudes = recording.attitudes
     if pieces is None:
         return prepare_measurements(recording), np.arange(attitudes.t_s.size)
@@ -161,7 +173,7 @@ def _measure_pieces(recording: Recording, pieces: Sequence[Interval] | None) -> 
 
 
 def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:
-    """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
+    """Accumulate the noise power (n, 3), rad², of the steps to the covariance (m, 3, 3) at each reference."""
     ends, place = np.unique(ends, return_inverse=True)
     added = np.matmul(turned * power[:, None, :], turned.transpose(0, 2, 1))
     total = np.cumsum(np.add.reduceat(added, ends[:-1], axis=0), axis=0)
@@ -169,7 +181,7 @@ def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:
 
 
 def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> Array:
-    """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it."""
+    """Build the covariance (3r, 3r) of an interval's observations from those (m, 3, 3) of its references, see the module."""
     counts = np.diff(np.append(groups, len(walk)))
     within = np.arange(len(walk)) - np.repeat(groups, counts)
     share = np.repeat(counts, counts)
@@ -185,7 +197,7 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> A
 
 
 def find_relinearised_path(zeta: Array, sigma: Array) -> tuple[Array, Array] | None:
-    """Integrated errors (m, 3) of an interval along another path S, and the rotation vectors (m, 3) of S; inertial axes, rad.
+    """Integrate the errors (m, 3) of an interval along another path S; also the rotation vectors (m, 3) of S; inertial, rad.
 
     The errors of the propagation are `zeta`, the sigmas of the references `sigma`, (m, 3) each. None where first order is
     enough.
@@ -197,14 +209,14 @@ def find_relinearised_path(zeta: Array, sigma: Array) -> tuple[Array, Array] | N
     count = int(np.clip(np.ceil(wanted), 1, max(1, WIDEST * len(zeta))))
     smooth = scipy.ndimage.uniform_filter1d(zeta, count, axis=0, mode="nearest")
     S, E = Rotation.from_rotvec(smooth), Rotation.from_rotvec(zeta)
-    run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
+    turns = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
     # S begins at the average of the first references, not at the first, so that its own turn comes first.
-    errors = smooth[0] + np.concatenate([np.zeros((1, 3)), run]) + (E * S.inv()).as_rotvec()
+    errors = smooth[0] + np.concatenate([np.zeros((1, 3)), turns]) + (E * S.inv()).as_rotvec()
     return errors, smooth
 
 
 def interpolate_turns(turns: Array, ends: Indices) -> Array:
-    """(n, 3, 3) S in the middle of each step, of its rotation vectors (m, 3) after `ends` steps, of which the last has all."""
+    """Interpolate S (n, 3, 3) to the middle of each step from its rotation vectors (m, 3) after `ends` (m,) steps."""
     middle = np.arange(ends[-1]) + 0.5
     return np.asarray(
         Rotation.from_rotvec(np.column_stack([np.interp(middle, ends, component) for component in turns.T])).as_matrix()

@@ -1,10 +1,10 @@
 """Innovations of all references under M0, and the misfit that they show.
 
-The candidates of a diagnosis are seen in at most `MOST_OBSERVATIONS` attitudes, to which neighbouring references are averaged,
-and each has its own shape. Faster errors and errors of other shapes must show as well. So every reference is compared with the
-attitude that the gyro propagates from those before it. Under M0 the residuals ζ of an interval are a random walk, the gyro's
-integrated noise, seen with the references' white noise, and its start is unknown. The innovations of a Kalman filter that
-starts from the interval's first reference,
+The candidates of a diagnosis are fitted to at most `MOST_OBSERVATIONS` attitudes, to which neighbouring references are
+averaged, and each has its own shape. To detect faster errors and errors of other shapes as well, every reference is compared
+with the attitude that the gyro propagates from those before it. Under M0 the residuals ζ of an interval are a random walk, the
+gyro's integrated noise, seen with the references' white noise, and its start is unknown. The innovations of a Kalman filter
+that starts from the interval's first reference,
 
     v_k = ζ_k − x,    S = P + ΔW_k + R_k,    e_k = L⁻¹ v_k  (L Lᵀ = S),    x ← x + K v_k,    K = (P + ΔW_k) S⁻¹,
 
@@ -12,12 +12,12 @@ are N(0, I) and independent (Kailath, IEEE Transactions on Automatic Control 13,
 projected out of them. G turns the readings' errors into those of the rates and has an inverse, so that the columns may be
 those of either. The tests are those of `diagnosis.inference.criticism`.
 
-The tests ask whether innovations follow the rate and its changes. A rate that is read holds the gyro's noise, and so do the
-innovations of the references behind it, the more often the more references there are: of a body at rest, where there is little
-else in a rate, each would follow the other by themselves. An innovation is independent of all noise that comes after it. The
-rate at a reference therefore is the mean of the readings that follow it, of as many as bring their noise to `QUIET` of the
-scatter of the rates. An error of timing follows the change of the rate since the reference before; where the noise of a
-reading is `HEARD` by that many innovations, the change until the reference that comes next stands for it.
+The tests include whether innovations follow the rate and its changes. A measured rate contains the gyro's noise, and so do the
+innovations of the references after it: for a body at rest, whose rates are mostly noise, the two would always correlate. An
+innovation is independent of all noise that comes after it. The rate at a reference therefore is the mean of the readings that
+follow it, of as many as bring their noise to `QUIET` of the scatter of the rates. An error of timing follows the change of the
+rate since the reference before; where the noise of a reading is `HEARD` by that many innovations, the change until the
+reference that comes next stands for it.
 """
 
 from __future__ import annotations
@@ -55,12 +55,14 @@ OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothe
 def check_baseline(model: RecordingModel) -> tuple[Check, ...]:
     """Test M0's innovations of all references, beside the lines in the readings; no tests where there are too few."""
     errors = [] if model.nuisance_errors is None else [model.compute_attitude_turns(model.nuisance_errors)]
-    e, later, taken = compute_innovations(model, errors)
-    innovations = Innovations(e, taken.reshape(*e.shape, -1))
+    e, is_tested, fitted_basis = compute_innovations(model, errors)
+    innovations = Innovations(e, fitted_basis.reshape(*e.shape, -1))
     if innovations.dof < FEWEST:
         return ()
     return tuple(
-        check_innovations(innovations, tabulate_references(model, later), count_noise_degrees(model.recording, innovations.dof))
+        check_innovations(
+            innovations, tabulate_references(model, is_tested), count_noise_degrees(model.recording, innovations.dof)
+        )
     )
 
 
@@ -83,14 +85,14 @@ def compute_attitude_errors(model: RecordingModel, effect: Effect, axis: str | N
     return model.compute_attitude_turns(effect.columns(model.stream, axis, parameters))
 
 
-def compute_innovations(model: RecordingModel, more_columns: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
-    """Compute white innovations about the body axes (k, 3), their references (m,), and a basis (3k, q) of what the fit took."""
+def compute_innovations(model: RecordingModel, further_columns: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+    """Compute white innovations (k, 3) about body axes, a mask (m,) of their references, and the basis (3k, q) of the fit."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
-    added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
-    added[first] = 0.0
-    of_parameters = model.compute_attitude_turns(build_parameter_errors(model.raw))
-    columns = np.concatenate([model.residuals[:, :, None], of_parameters, *more_columns], axis=2)
-    white = _whiten_innovations(columns, added, model.errors, first)[~first]
+    walk_increments = np.diff(model.walk, axis=0, prepend=model.walk[:1])
+    walk_increments[first] = 0.0
+    parameter_errors = model.compute_attitude_turns(build_parameter_errors(model.raw))
+    columns = np.concatenate([model.residuals[:, :, None], parameter_errors, *further_columns], axis=2)
+    white = _whiten_innovations(columns, walk_increments, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
     body = body.reshape(3 * len(body), -1)
     y, U = body[:, :1], build_basis(body[:, 1:])
@@ -99,7 +101,7 @@ def compute_innovations(model: RecordingModel, more_columns: Sequence[Array] = (
 
 @compile_cached
 def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:
-    """(m, 3, k) innovations over their root covariance, column by column; zero at the first reference of each interval."""
+    """Compute whitened innovations (m, 3, k), column by column; zero at the first reference of each interval."""
     out = np.zeros(z.shape)
     P, x = np.zeros((3, 3)), np.zeros((3, z.shape[2]))
     for k in range(len(z)):
@@ -120,8 +122,8 @@ def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:
     return out
 
 
-def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
-    """Tabulate what the innovations of some references (m,) may follow."""
+def tabulate_references(model: RecordingModel, selected: Mask) -> Layout:
+    """Tabulate the axes, intervals and regressors of the innovations of some references (m,)."""
     t_s, block = model.recording.attitudes.t_s[model.reference_rows], model.interval_of_reference
     rates, change = measure_motion(model, model.reference_rows, block)
     place = find_steps(model, t_s, block)
@@ -129,7 +131,7 @@ def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
     mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
     regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
     axes, speed = model.at_reference.transpose(0, 2, 1), np.linalg.norm(rates, axis=1)
-    return Layout(axes[kept], block[kept], regressors[kept], speed[kept])
+    return Layout(axes[selected], block[selected], regressors[selected], speed[selected])
 
 
 def measure_motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
@@ -143,12 +145,13 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
     noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), LEAST_POSITIVE)
     first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
-    most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
-    count = np.clip(np.ceil(noise / QUIET**2).astype(np.intp), 1, most[:, None])
-    at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
+    available = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
+    count = np.clip(np.ceil(noise / QUIET**2).astype(np.intp), 1, available[:, None])
+    next_sample = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
     total = _accumulate_readings(model)
-    rates = _average_readings(total, at, np.minimum(at + count, stop[:, None]), smooth)
-    before = _average_readings(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
+    rates = _average_readings(total, next_sample, np.minimum(next_sample + count, stop[:, None]), smooth)
+    low, high = np.maximum(next_sample - count, first[:, None]), np.minimum(next_sample, stop[:, None])
+    before = _average_readings(total, low, high, smooth)
     starts = np.diff(block, prepend=-1) != 0
     since, until = np.zeros_like(rates), np.zeros_like(rates)
     since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
@@ -157,15 +160,15 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
 
 
 def _accumulate_readings(model: RecordingModel) -> Array:
-    """(samples + 1, 3) of the calibrated readings up to each sample; single odd ones are replaced by the smooth rate."""
+    """Sum the calibrated readings up to each sample, (samples + 1, 3); single outliers are replaced by the smooth rate."""
     gyro = model.recording.gyro
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
     readings = gyro.rates @ model.G.T + model.bias
-    odd = np.abs(readings - smooth) > OUTLIER * gyro.arw / np.sqrt(gyro.sample_s)
-    return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
+    is_outlier = np.abs(readings - smooth) > OUTLIER * gyro.arw / np.sqrt(gyro.sample_s)
+    return np.vstack([np.zeros(3), np.cumsum(np.where(is_outlier, smooth, readings), axis=0)])
 
 
 def _average_readings(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
-    """(r, 3) means of the readings from `low` to before `high`, (r, 3) each, of running sums; of none, something else."""
+    """Average the readings from `low` to before `high`, (r, 3) each, by running sums; `otherwise` where there are none."""
     low, high, axes = np.broadcast_arrays(low, high, np.arange(3))
     return np.where(high > low, (total[high, axes] - total[low, axes]) / np.maximum(high - low, 1), otherwise)

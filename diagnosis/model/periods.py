@@ -77,42 +77,42 @@ def make_grid(model: RecordingModel) -> Grid | None:
     if band is None:
         return None
     t, block = model.observation_t_s, model.observation_block
-    apart = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
-    shortest = max(band[0], SHORTEST_PERIOD_SPACINGS * float(np.median(apart)) if apart.size else np.inf)
+    spacings_s = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
+    shortest = max(band[0], SHORTEST_PERIOD_SPACINGS * float(np.median(spacings_s)) if spacings_s.size else np.inf)
     span, arc = band[1], max(float(model_block.elapsed_s[-1]) for model_block in model.blocks)
     step = STEP / span
     highest = min(1 / shortest, MOST * step)
     lowest = 1 / span
     if not lowest < highest:
         return None
-    each = max(1, int(np.floor(MADE / arc / step)))
-    made = lowest + each * step * (np.arange(int(np.ceil((highest - lowest) / (each * step)))) + 0.5)
-    tried = made[:, None] + step * (np.arange(each) + 0.5 - 0.5 * each)
-    allowed = tried <= highest
+    per_wave = max(1, int(np.floor(MADE / arc / step)))
+    wave_hz = lowest + per_wave * step * (np.arange(int(np.ceil((highest - lowest) / (per_wave * step)))) + 0.5)
+    tried_hz = wave_hz[:, None] + step * (np.arange(per_wave) + 0.5 - 0.5 * per_wave)
+    allowed = tried_hz <= highest
     orbit = 1 / model.stream.orbit_period_s
     if np.isfinite(orbit):
-        order = np.rint(tried / orbit)
-        allowed &= (np.abs(tried - order * orbit) > NEAR * lowest) | (order < 1) | (order > HARMONICS)
+        order = np.rint(tried_hz / orbit)
+        allowed &= (np.abs(tried_hz - order * orbit) > NEAR * lowest) | (order < 1) | (order > HARMONICS)
     if not allowed.any():
         return None
     with np.errstate(divide="ignore"):
-        share = np.where(allowed, 1 / tried, 0.0)
-        return Grid(np.asarray(made, dtype=float), np.asarray(tried, dtype=float), np.log(share / share.sum()), step)
+        share = np.where(allowed, 1 / tried_hz, 0.0)
+        return Grid(np.asarray(wave_hz, dtype=float), np.asarray(tried_hz, dtype=float), np.log(share / share.sum()), step)
 
 
 def scan_periods(model: RecordingModel) -> Found:
     """Scan for each kind of error, of the references or not, about each axis; nothing without a series of references."""
-    at = make_grid(model)
-    out: Found = {}
-    if at is None:
-        return out
+    grid = make_grid(model)
+    periods: Found = {}
+    if grid is None:
+        return periods
     for on_references in (False, True):
         for axis in range(3):
-            out[on_references, axis] = select_periods(at, compute_wave_products(model, at, axis, on_references))
-    return out
+            periods[on_references, axis] = select_periods(grid, compute_wave_products(model, grid, axis, on_references))
+    return periods
 
 
-def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_references: bool) -> IntervalProducts:
+def compute_wave_products(model: RecordingModel, grid: Grid, axis: int, on_references: bool) -> IntervalProducts:
     """Compute the products of the waves of an error of the rates or the references about one body axis."""
     columns = (model.reference_columns if on_references else model.cell_columns)[axis]
     gram = columns.T @ model.project_out_nuisance(columns)
@@ -121,15 +121,17 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
         t, length, interval = model.observation_t_s, np.zeros(model.observation_t_s.size), model.observation_block
     Q = compute_common_nuisance(model)
     count = len(model.blocks)
-    zg = np.empty((at.made.size, count, 1 + Q.shape[1]), dtype=complex)
-    s = np.empty((at.made.size, count, 1), dtype=complex)
-    h = np.zeros(at.made.size)
+    zg = np.empty((grid.made.size, count, 1 + Q.shape[1]), dtype=complex)
+    s = np.empty((grid.made.size, count, 1), dtype=complex)
+    h = np.zeros(grid.made.size)
     middle = np.empty(count)
     for number, block in enumerate(model.blocks):
         members = np.flatnonzero(interval == number)
         middle[number] = 0.5 * (t[members[0]] + t[members[-1]])
         C = columns[block.rows][:, members]
-        a = np.exp(2j * np.pi * np.outer(t[members] - middle[number], at.made)) * np.sinc(np.outer(length[members], at.made))
+        a = np.exp(2j * np.pi * np.outer(t[members] - middle[number], grid.made)) * np.sinc(
+            np.outer(length[members], grid.made)
+        )
         parts = np.column_stack([C.T @ model.y[block.rows], C.T @ Q[block.rows]]).T @ a  # (1 + q, j)
         turned = (gram[np.ix_(members, members)] @ a.view(float)).view(complex)
         zg[:, number] = parts.T
@@ -145,25 +147,25 @@ def compute_common_nuisance(model: RecordingModel) -> Array:
     return np.asarray(U[:, s > 1e-6])
 
 
-def select_periods(at: Grid, products: IntervalProducts) -> tuple[Period, ...]:
+def select_periods(grid: Grid, products: IntervalProducts) -> tuple[Period, ...]:
     """Select the frequencies that explain most: the best of each peak, and the aliases of the very best."""
-    score = products.compute_log_evidence(at.tried) + at.log_weight
+    score = products.compute_log_evidence(grid.tried) + grid.log_weight
     best = score.max(axis=1)
     peaks = find_tops(best, PEAKS)
     width = score.shape[1]
     chosen = {int(peak) * width + int(np.argmax(score[peak])) for peak in peaks}
-    flat = score.ravel()
-    tops = find_tops(flat, flat.size)
+    flat_score = score.ravel()
+    tops = find_tops(flat_score, flat_score.size)
     for peak in peaks[:ALIASED]:
-        near = tops[np.abs(tops // width - peak) <= 1]
-        chosen |= {int(k) for k in near[:ALIASES]}
-    places = np.array([k for k in chosen if np.isfinite(flat[k])], dtype=np.intp)
-    near = at.tried.ravel()[places, None] + at.step / FINER * (np.arange(FINER) + 0.5 - 0.5 * FINER)
-    finer = products.compute_log_evidence(near, places // width)
-    log_weight = at.log_weight.ravel()[places] - np.log(FINER)
+        finer_hz = tops[np.abs(tops // width - peak) <= 1]
+        chosen |= {int(k) for k in finer_hz[:ALIASES]}
+    places = np.array([k for k in chosen if np.isfinite(flat_score[k])], dtype=np.intp)
+    finer_hz = grid.tried.ravel()[places, None] + grid.step / FINER * (np.arange(FINER) + 0.5 - 0.5 * FINER)
+    finer = products.compute_log_evidence(finer_hz, places // width)
+    log_weight = grid.log_weight.ravel()[places] - np.log(FINER)
     best_of = np.argmax(finer, axis=1)
     order = np.argsort(-(finer.max(axis=1) + log_weight))
-    return tuple(Period(float(near[k, best_of[k]]), float(log_weight[k]), at.step / FINER) for k in order)
+    return tuple(Period(float(finer_hz[k, best_of[k]]), float(log_weight[k]), grid.step / FINER) for k in order)
 
 
 def make_period_columns(model: RecordingModel, axis: int, on_references: bool, frequencies: Array) -> list[Array]:
@@ -172,14 +174,14 @@ def make_period_columns(model: RecordingModel, axis: int, on_references: bool, f
     Over a cell the mean of the wave stands for it.
     """
     t_s = model.references.t_s if on_references else model.cells.t_s
-    swing = make_waves(frequencies, t_s, 0.0 if on_references else model.cells.duration_s)
+    waves = make_waves(frequencies, t_s, 0.0 if on_references else model.cells.duration_s)
     if on_references:
-        errors = np.zeros((t_s.size, 3, swing.shape[1]))
-        errors[:, axis] = swing
-        both = model.whiten(model.observe_reference_error(errors))
+        errors = np.zeros((t_s.size, 3, waves.shape[1]))
+        errors[:, axis] = waves
+        columns = model.whiten(model.observe_reference_error(errors))
     else:
-        both = model.cell_columns[axis] @ swing
-    return np.split(both, frequencies.size, axis=1)
+        columns = model.cell_columns[axis] @ waves
+    return np.split(columns, frequencies.size, axis=1)
 
 
 def make_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
@@ -205,35 +207,35 @@ def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Select
     entry = linear.candidate(member)
     if not entry.scanned:
         return linear
-    held, fine = _find_aliases(linear, member), FINE_PERIODS
+    aliases, fine = _find_aliases(linear, member), FINE_PERIODS
     fine_moves = np.array([k for k in range(-fine, fine + 1) if k]) / fine
     share = float(np.log(fine_moves.size))
-    near = [
+    finer_periods = [
         Period(float(period.frequency + period.width * move), period.log_weight - share, period.width / fine)
-        for period in map(_get_period, held)
+        for period in map(_get_period, aliases)
         for move in fine_moves
     ]
-    W = np.hstack(make_effect_columns(model, effect, str(entry.axis), np.array([period.frequency for period in near])))
+    W = np.hstack(make_effect_columns(model, effect, str(entry.axis), np.array([period.frequency for period in finer_periods])))
     start = linear.W.shape[1]
-    finer = [ParameterChoice(start + 2 * k, 2, period.log_weight, period.parameters) for k, period in enumerate(near)]
+    finer = [ParameterChoice(start + 2 * k, 2, period.log_weight, period.parameters) for k, period in enumerate(finer_periods)]
     options = [
-        replace(option, log_weight=option.log_weight - np.log(2)) if option in held else option for option in entry.options
+        replace(option, log_weight=option.log_weight - np.log(2)) if option in aliases else option for option in entry.options
     ]
     return linear.replace_options(member.candidate, [*options, *finer], W, model.project_out_nuisance(W))
 
 
 def _find_aliases(linear: LinearModel, member: SelectedCandidate) -> list[ParameterChoice]:
-    """The option at which a sinusoid is held, and others, none next to another, that explain nearly as much by themselves."""
+    """Find the member's option of a sinusoid and others, none of them neighbours, that explain nearly as much alone."""
     options, first = linear.candidate(member).options, linear.option(member)
     chi2 = {
         choice.start: float(np.sum((scipy.linalg.orth(linear.X[:, choice.columns]).T @ linear.y) ** 2)) for choice in options
     }
     least = (1 - NEARLY) * chi2[first.start] - ENOUGH
-    apart = 2 * FINE_PERIODS * _get_period(first).width
+    separation_hz = 2 * FINE_PERIODS * _get_period(first).width
     aliases = [first]
     for option in sorted(options, key=lambda option: -chi2[option.start]):
         frequency = _get_period(option).frequency
-        new = all(abs(frequency - _get_period(alias).frequency) > apart for alias in aliases)
+        new = all(abs(frequency - _get_period(alias).frequency) > separation_hz for alias in aliases)
         if len(aliases) < REFINED_ALIASES and chi2[option.start] >= least and new:
             aliases.append(option)
     return aliases

@@ -1,34 +1,34 @@
-"""Prepare a recording: linearise it about its own calibration under M0, and judge the references' noise.
+"""Prepare a recording: linearise it about its own calibration under M0, and classify the references' noise.
 
 The samples are examined first, since a repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
 noise.
 
-The references' noise is judged by what M0 leaves of them. An effect that moves those residuals is visible there, too: a changed
-misalignment makes the references of a spinning body look noisier from some moment on. Once the search has found effects with
-columns, the noise is judged anew without them:
+The references' noise is classified by their residuals under M0. An effect that changes these residuals is visible there, too: a
+changed misalignment makes the references of a spinning body look noisier from some moment on. Once the search has found effects
+with columns, the noise is classified again without them:
 
     ζ' = ζ − Σ e_k a_k − e_p δp,
 
 e_k the attitude errors of the effects' columns, a_k their amplitudes, and δp the change of G and b that fits ζ − Σ e_k a_k
 best.
 
-Columns of effects that follow the rate, such as its cube, are formed of the samples, whose noise is that of the attitude
-which is propagated with them. A column that holds this noise explains it, and a clean gyro seems to have an effect, as
-coefficients of noisy regressors are biased (Fuller, Measurement Error Models, Wiley 1987, section 1.1).
+Columns of effects that follow the rate, such as its cube, are computed from the samples, and the attitude propagated with these
+has the same noise. A column with this noise in it explains the noise of the residuals, and a clean gyro seems to have an
+effect: coefficients of noisy regressors are biased (Fuller, Measurement Error Models, Wiley 1987, section 1.1).
 
-The noise itself is seen in the residuals z, with covariance V, of which it is a part: the best estimate of the noise n(t) of
-the calibrated rates is E[n(t) | z] = E[n(t) zᵀ] V⁻¹ z. In inertial axes an observation at t_k holds −∫n dt up to t_k, so that
+The residuals z, with covariance V, contain the gyro's noise. The best estimate of the noise n(t) of the calibrated rates is
+E[n(t) | z] = E[n(t) zᵀ] V⁻¹ z. In inertial axes an observation at t_k holds −∫n dt up to t_k, so that
 
     E[n(t) | z] = −P(t) Σ_{t_k > t} u_k,    u = V⁻¹ (z − C θ),
 
-with P the density of the noise and C θ what the nuisance parameters explain by least squares. Rates less this estimate are the
-best linear unbiased estimate of the motion, whose error goes with no residual (Rao, Linear Statistical Inference and Its
-Applications, Wiley 1973, section 5a.2). Smoothing them afterwards leaves that as it is.
+with P the density of the noise and C θ the least-squares fit of the nuisance parameters. Rates less this estimate are the best
+linear unbiased estimate of the motion, whose error is uncorrelated with the residuals (Rao, Linear Statistical Inference and
+Its Applications, Wiley 1973, section 5a.2). Smoothing the rates afterwards does not change that.
 
-All this holds where the residuals are of noise. With an error of a hundred sigmas in them the estimate would be a hundred times
-the noise, and the rates without it would be no motion. Where χ² is larger than its degrees of freedom, u √(dof/χ²) stands for
-u, which leaves the estimate as large as noise would make it.
+All this holds for residuals of noise alone. With an error of a hundred sigmas in them the estimate would be a hundred times the
+noise, and the rates without it would not be the motion. Where χ² exceeds its degrees of freedom, u is multiplied by √(dof/χ²),
+so that the estimate is as large as noise would make it.
 """
 
 from __future__ import annotations
@@ -67,29 +67,29 @@ KnownEffect = tuple[Effect, FittedEffect]  # an effect with columns, and its amp
 
 
 def prepare(
-    recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None
+    recording: Recording, settings: DiagnosisSettings = DEFAULT, progress: Progress = lambda text, share: None
 ) -> PreparedRecording:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
 
-    An `InputError` if the stream does not cover the intervals, or nothing is left of them. Progress is told as a text and the
-    share done of a whole diagnosis.
+    Raises an `InputError` if the stream does not cover the intervals, or no sample is inside them. `progress` is called with a
+    text and the share done of a whole diagnosis.
     """
     if mark_interval_samples(recording).sum() < 2 * len(recording.intervals):
         prepare_measurements(recording)  # says which interval lacks samples
     if not mark_interval_samples(recording).any():
         raise InputError("no gyro sample starts inside any interval")
-    tell("gyro samples", 0.01)
+    progress("gyro samples", 0.01)
     report = examine(recording, settings)
-    tell("first calibration", 0.06)
-    found = classify_noise(recording, report, settings)
-    return replace(found, notes=tuple(_write_notes(found)), unobserved=report_unobserved(found.model)[0])
+    progress("first calibration", 0.06)
+    prepared = classify_noise(recording, report, settings)
+    return replace(prepared, notes=tuple(_write_notes(prepared)), unobserved=report_unobserved(prepared.model)[0])
 
 
-def _write_notes(found: PreparedRecording) -> Iterator[str]:
-    """Sentences with noise that the diagnosis estimated where the recording states none, and with what cannot be seen."""
-    recording, noise = found.model.recording, found.reference_noise
+def _write_notes(prepared: PreparedRecording) -> Iterator[str]:
+    """Write sentences on noise that was estimated where the recording states none, and on parameters that cannot be seen."""
+    recording, noise = prepared.model.recording, prepared.reference_noise
     if recording.gyro.arw_estimated:
-        levels = ", ".join(f"{level:.3g}" for level in recording.gyro.arw_deg_per_sqrt_s * found.samples.noise_factor)
+        levels = ", ".join(f"{level:.3g}" for level in recording.gyro.arw_deg_per_sqrt_s * prepared.samples.noise_factor)
         yield f"Angle random walk estimated as {levels} deg/√s about x, y, z; the recording states an estimate only"
     if recording.attitudes.sigma_estimated and noise is not None:
         factors = noise.factors if noise.departs else np.ones(3)
@@ -101,7 +101,7 @@ def _write_notes(found: PreparedRecording) -> Iterator[str]:
             f"References only at the ends of {len(counts)} intervals: {max(3 * len(counts) - 12, 0)} degrees of freedom are "
             "left beside the 12 of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
-    yield from describe_unobserved(found.model)
+    yield from describe_unobserved(prepared.model)
     yield (
         "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
         "reference attitudes can show it"
@@ -122,7 +122,7 @@ class PreparedRecording:
     @property
     def has_odd_references(self) -> bool:
         """Whether the noise of the references is not as stated."""
-        return self.reference_noise is not None and self.reference_noise.odd
+        return self.reference_noise is not None and self.reference_noise.is_unusual
 
     @property
     def is_white(self) -> bool:
@@ -131,16 +131,16 @@ class PreparedRecording:
 
 
 def classify_noise(
-    recording: Recording, report: SampleReport, settings: DiagnosisSettings, at_work: Sequence[KnownEffect] = ()
+    recording: Recording, report: SampleReport, settings: DiagnosisSettings, known_effects: Sequence[KnownEffect] = ()
 ) -> PreparedRecording:
-    """A recording ready for the attitude tests, without notes; effects at work are taken out before the noise is judged."""
+    """Calibrate under M0 with the classified noise of the references; known effects are subtracted before it is classified."""
     stated = recording.attitudes.sigma
     model, sigma = calibrate_baseline(recording, report, stated)
-    noise = _measure_reference_noise(subtract_effects(model, at_work), report, settings)
+    noise = _measure_reference_noise(subtract_effects(model, known_effects), report, settings)
     factors = np.ones(3) if noise is None else noise.factors
     if (factors != 1.0).any():
         model, sigma = calibrate_baseline(recording, report, stated * factors)
-    if report.coarse_steps.any():  # what these do to a reading is no noise of a known density
+    if report.coarse_steps.any():  # rounding to these steps is no noise of a known density
         model = add_rounding(model, report.coarse_steps)
     else:
         model = add_expected_motion(model, report, stated * factors)
@@ -152,7 +152,7 @@ def classify_noise(
 
 
 def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
-    """(n, 3, k) readings that are too high by each of some lines, rad/s."""
+    """Build the errors (n, 3, k) of the readings by each line, rad/s."""
     out = np.zeros((model.t_s.size, 3, len(lines)))
     sample = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     for place, line in enumerate(lines):
@@ -161,7 +161,7 @@ def _build_line_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
 
 
 def _build_cut_errors(model: RecordingModel, steps: Array) -> Array:
-    """(n, 3, k) readings that are too high by what cutting them toward zero to steps (3,) does, rad/s; none for zero steps."""
+    """Build the errors (n, 3, k) of readings that are cut toward zero to steps (3,), rad/s, one a step that is not zero."""
     axes, gyro = np.flatnonzero(steps), model.recording.gyro
     out = np.zeros((model.t_s.size, 3, axes.size))
     for place, axis in enumerate(axes):
@@ -170,18 +170,20 @@ def _build_cut_errors(model: RecordingModel, steps: Array) -> Array:
 
 
 def reclassify_without_effects(
-    prepared: PreparedRecording, at_work: Sequence[KnownEffect], settings: DiagnosisSettings
+    prepared: PreparedRecording, known_effects: Sequence[KnownEffect], settings: DiagnosisSettings
 ) -> PreparedRecording | None:
-    """A recording with its references' noise judged without some effects; None if the judgement is the same."""
-    if not at_work or not prepared.has_odd_references:
+    """Classify the references' noise again without known effects; None unless the noise is as stated without them."""
+    if not known_effects or not prepared.has_odd_references:
         return None
-    again = classify_noise(prepared.model.recording, prepared.samples, settings, at_work)
-    return None if again.has_odd_references else replace(again, notes=prepared.notes, unobserved=prepared.unobserved)
+    reclassified = classify_noise(prepared.model.recording, prepared.samples, settings, known_effects)
+    return (
+        None if reclassified.has_odd_references else replace(reclassified, notes=prepared.notes, unobserved=prepared.unobserved)
+    )
 
 
 def _measure_reference_noise(model: RecordingModel, report: SampleReport, settings: DiagnosisSettings) -> ReferenceNoise | None:
-    """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
-    blind = set(np.flatnonzero(report.coarse_steps).tolist())
+    """Test the references' noise; None where a lattice hides motion about the departing axis, which looks like noise."""
+    hidden_axes = set(np.flatnonzero(report.coarse_steps).tolist())
     recording, density = model.recording, np.median(report.density, axis=0)
     series = ReferenceSeries(
         t_s=model.references.t_s,
@@ -192,51 +194,50 @@ def _measure_reference_noise(model: RecordingModel, report: SampleReport, settin
         error_axes=recording.attitudes.select_rows(model.reference_rows).build_error_axes(),
     )
     noise = estimate_reference_noise(series, density, settings)
-    if noise is not None and noise.odd:
+    if noise is not None and noise.is_unusual:
         noise = estimate_reference_noise(
             series, density, settings, model.compute_attitude_turns(_build_motion_errors(model, report.lines))
         )
-    return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
+    return None if noise is not None and (noise.axis in hidden_axes or len(hidden_axes) == 3) else noise
 
 
 def _build_motion_errors(model: RecordingModel, lines: Sequence[Line]) -> Array:
-    """(n, 3, k) errors of readings that follow the motion: each rate on each axis, its size and its square, and its change.
+    """Build errors (n, 3, k) of readings that follow the motion: each rate on each axis, its size, its square and its change.
 
-    So does one of a bias that is not the same in all intervals, where the body turns from one reference to the next, and so may
-    each line in the samples.
+    A bias drift follows the motion where the body turns from one reference to the next, and each line of the samples may.
     """
     raw, mission = model.raw, (model.t_s - model.t_s.mean()) / max(float(np.ptp(model.t_s)), 1.0)
-    own = np.zeros((len(raw), 3, 18))
+    errors = np.zeros((len(raw), 3, 18))
     for axis in range(3):
-        own[:, axis, 15 + axis] = mission
-        own[:, axis, 3 * axis : 3 * axis + 3] = raw
-        own[:, axis, 9 + axis] = np.abs(raw[:, axis])
-        own[:, axis, 12 + axis] = raw[:, axis] ** 2
-    return np.concatenate([own, compute_delay_columns(model.stream), _build_line_errors(model, lines)], axis=2)
+        errors[:, axis, 15 + axis] = mission
+        errors[:, axis, 3 * axis : 3 * axis + 3] = raw
+        errors[:, axis, 9 + axis] = np.abs(raw[:, axis])
+        errors[:, axis, 12 + axis] = raw[:, axis] ** 2
+    return np.concatenate([errors, compute_delay_columns(model.stream), _build_line_errors(model, lines)], axis=2)
 
 
 def select_known_effects(fitted: Sequence[FittedEffect], effects: Mapping[str, Effect]) -> tuple[KnownEffect, ...]:
     """Select the identified effects whose attitude errors are known, and not only their statistics."""
     return tuple(
-        (effects[one.effect], one)
-        for one in fitted
-        if not one.process and one.effect in effects and effects[one.effect].has_columns
+        (effects[member.effect], member)
+        for member in fitted
+        if not member.process and member.effect in effects and effects[member.effect].has_columns
     )
 
 
-def subtract_effects(model: RecordingModel, at_work: Sequence[KnownEffect]) -> RecordingModel:
-    """The model with the residuals that are left without some effects, where their columns are those of their amplitudes."""
+def subtract_effects(model: RecordingModel, known_effects: Sequence[KnownEffect]) -> RecordingModel:
+    """Subtract known effects from the residuals, those whose columns match their amplitudes, and fit G and b again."""
     errors = []
-    for effect, one in at_work:
-        columns = compute_attitude_errors(model, effect, one.axis, one.parameters)
-        if columns.shape[2] == one.amplitudes.size:
-            errors.append(columns @ one.amplitudes)
+    for effect, fitted in known_effects:
+        columns = compute_attitude_errors(model, effect, fitted.axis, fitted.parameters)
+        if columns.shape[2] == fitted.amplitudes.size:
+            errors.append(columns @ fitted.amplitudes)
     if not errors:
         return model
-    left = _replace_residuals(model, model.residuals - np.sum(errors, axis=0))
-    change, _ = compute_correction(left)
-    high = -np.einsum("ij,njk->nik", np.linalg.inv(model.G), build_parameter_errors(model.raw))
-    return _replace_residuals(model, left.residuals - model.compute_attitude_turns(high) @ change)
+    reduced = _replace_residuals(model, model.residuals - np.sum(errors, axis=0))
+    change, _ = compute_correction(reduced)
+    rate_errors = -np.einsum("ij,njk->nik", np.linalg.inv(model.G), build_parameter_errors(model.raw))
+    return _replace_residuals(model, reduced.residuals - model.compute_attitude_turns(rate_errors) @ change)
 
 
 def _replace_residuals(model: RecordingModel, residuals: Array) -> RecordingModel:
@@ -252,24 +253,25 @@ def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[A
     gyro, inverse = model.recording.gyro, np.linalg.inv(model.G)
     noise, turned = np.zeros(gyro.rates.shape), np.zeros((model.reference_rows.size, 3))
     excess = float(model.y @ model.y) / max(model.degrees_of_freedom, 1)
-    weighed = model.weighed_residuals / np.sqrt(max(excess, 1.0))
+    weighed_residuals = model.weighed_residuals / np.sqrt(max(excess, 1.0))
     for block, references in zip(model.blocks, model.reference_slices, strict=True):
         t_s, to_inertial = model.t_s[block.steps], model.to_inertial[block.steps]
-        edges = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])
-        done = block.ends[block.groups + block.counts // 2]
-        # After a step come the observations that end behind it.
-        after = np.zeros((t_s.size + 1, 3))
-        np.add.at(after, done, weighed[block.rows].reshape(-1, 3))
-        after = np.cumsum(after[::-1], axis=0)[::-1][1:]
-        middle = gyro.t_s + 0.5 * gyro.sample_s
-        own = np.flatnonzero((middle > edges[0]) & (middle < edges[-1]))
-        step = np.searchsorted(edges, middle[own], side="right") - 1
-        u = np.einsum("nij,ni->nj", to_inertial[step], after[step])  # in body axes
-        power = (u @ model.G) * density[own] if density is not None else gyro.arw**2 * (u @ inverse.T)
-        noise[own] = -power
-        # The same of each step, by the mean over its samples, turns the attitude.
+        edges_s = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])
+        last_step = block.ends[block.groups + block.counts // 2]
+        # The sum in E[n(t) | z]: over the observations that end after each step.
+        later_sum = np.zeros((t_s.size + 1, 3))
+        np.add.at(later_sum, last_step, weighed_residuals[block.rows].reshape(-1, 3))
+        later_sum = np.cumsum(later_sum[::-1], axis=0)[::-1][1:]
+        middle_s = gyro.t_s + 0.5 * gyro.sample_s
+        inside = np.flatnonzero((middle_s > edges_s[0]) & (middle_s < edges_s[-1]))
+        step = np.searchsorted(edges_s, middle_s[inside], side="right") - 1
+        u = np.einsum("nij,ni->nj", to_inertial[step], later_sum[step])  # in body axes
+        noise[inside] = -((u @ model.G) * density[inside] if density is not None else gyro.arw**2 * (u @ inverse.T))
+        # The mean error of each step's samples turns the attitude.
         count = np.bincount(step, minlength=t_s.size)
-        mean = np.column_stack([np.bincount(step, noise[own, k], t_s.size) for k in range(3)]) / np.maximum(count, 1)[:, None]
+        mean = (
+            np.column_stack([np.bincount(step, noise[inside, k], t_s.size) for k in range(3)]) / np.maximum(count, 1)[:, None]
+        )
         moved = -np.einsum("nij,nj->ni", to_inertial, mean @ model.G.T) * model.dt[block.steps, None]
         total = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)])
         turned[references] = total[block.ends]
@@ -277,8 +279,8 @@ def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[A
 
 
 def add_expected_motion(model: RecordingModel, report: SampleReport, sigma: Array) -> RecordingModel:
-    """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
+    """Linearise a model again about the motion that gyro and references show together; sigma (references, 3), rad."""
     noise, turned = estimate_gyro_noise(model, report.density)
-    shown = remove_noise(report.rates - noise, model.recording)
-    again = linearise_recording(model.recording, model.G, model.bias, report.rates, shown, report.density, sigma=sigma)
-    return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)
+    motion = remove_noise(report.rates - noise, model.recording)
+    relinearised = linearise_recording(model.recording, model.G, model.bias, report.rates, motion, report.density, sigma=sigma)
+    return replace(relinearised, at_reference=Rotation.from_rotvec(turned).as_matrix() @ relinearised.at_reference)

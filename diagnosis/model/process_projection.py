@@ -72,7 +72,7 @@ class ProcessProjection:
         return cls(columns, gram, root, mean)
 
     def turn_root(self, t_s: Array, interval: Indices) -> ProcessProjection:
-        """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
+        """Rotate the root to the directions in which Markov processes at given times (q,) show, one after another."""
         spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)
         longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
         total, same = np.zeros(self.root.shape), np.equal.outer(interval, interval)
@@ -83,11 +83,11 @@ class ProcessProjection:
         return replace(self, root=self.root @ turned, shown=shown)
 
     def covariance(self, K: Array) -> Array:
-        """Covariance of the unit errors, (c, c), of that at the times of a process, (q, q)."""
+        """Compute the covariance (c, c) of the unit errors from that (q, q) at the times of a process."""
         return K if self.mean is None else np.asarray(self.mean @ (self.mean @ K).T)
 
     def powers(self, K: Array, share: float = 0.0, least: float = 0.0) -> tuple[Array, Callable[[Indices], Array]]:
-        """Powers of the columns of a process, weakest first, and what makes the columns of some of them; see the module.
+        """Compute the powers of a process's columns, weakest first, and a function that builds chosen columns; see the module.
 
         Directions are left out in which a sum of Markov processes has less than the least power, or a share of that of all.
         """
@@ -97,14 +97,14 @@ class ProcessProjection:
         moved = K @ root
         powers, turned = np.linalg.eigh(root.T @ moved)
 
-        def columns(kept: Indices) -> Array:
-            return np.asarray(self.columns @ (moved @ (turned[:, kept] / np.sqrt(powers[kept]))))
+        def columns(selected: Indices) -> Array:
+            return np.asarray(self.columns @ (moved @ (turned[:, selected] / np.sqrt(powers[selected]))))
 
         return powers, columns
 
 
 def split_cells(model: RecordingModel) -> tuple[Indices, Indices]:
-    """First step of each part of the cells, (q,), and the first part of each cell among them (c,)."""
+    """Split the cells into parts; the first step of each part (q,), and the first part of each cell (c,)."""
     cells = model.cells
     counts = np.minimum(cells.last - cells.first, PARTS)
     first = np.cumsum(np.append(0, counts[:-1]))
@@ -132,7 +132,7 @@ def project_cells(model: RecordingModel) -> tuple[ProcessProjection, ...]:
 
 
 def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
-    """Rows of up to `NODES` references of each observation, (q,), and the first of each observation among them (r,).
+    """Select up to `NODES` references of each observation, rows (q,); and the first of each observation among them (r,).
 
     A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
     """
@@ -166,20 +166,20 @@ def _project_nodes(model: RecordingModel, along: Array) -> ProcessProjection:
 
 
 def build_unit_errors(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_array]:
-    """Unit errors of the observations, (3r, c), and those of errors at each node (c, q), see the module.
+    """Build the unit errors of the observations, (3r, c), and the errors at each node in terms of them, (c, q); see the module.
 
     An error at a node has the direction `along` (q, 3); `first` (r,) is the first node of each observation.
     """
     counts = np.diff(np.append(first, len(along)))
     places = first[:, None] + np.arange(counts.max())
-    there = places < (first + counts)[:, None]
-    parts = np.where(there[:, :, None], along[np.minimum(places, len(along) - 1)], 0.0) / counts[:, None, None]
+    is_node = places < (first + counts)[:, None]
+    parts = np.where(is_node[:, :, None], along[np.minimum(places, len(along) - 1)], 0.0) / counts[:, None, None]
     U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
     block, which = np.nonzero(s * np.sqrt(counts)[:, None] > LEAST_LENGTH)
-    made = np.arange(block.size)
+    numbers = np.arange(block.size)
     errors = np.zeros((3 * first.size, block.size))
-    errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]
-    row, node = np.nonzero(there[block])
+    errors[3 * block[:, None] + np.arange(3), numbers[:, None]] = U[block, :, which] * s[block, which][:, None]
+    row, node = np.nonzero(is_node[block])
     mean = scipy.sparse.csr_array(
         (Vt[block, which][row, node], (row, places[block][row, node])), shape=(block.size, len(along))
     )

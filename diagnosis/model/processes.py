@@ -55,7 +55,7 @@ TAGS_WANDER = "time tags wander"
 
 
 def compute_part_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the parts of the cells, see `diagnosis.model.process_projection`."""
+    """Compute the times of the parts of the cells, see `diagnosis.model.process_projection`."""
     first, cell = split_cells(model)
     last = np.append(first[1:], 0)
     last[np.append(cell[1:] - 1, first.size - 1)] = model.cells.last
@@ -66,7 +66,7 @@ def compute_part_times(model: RecordingModel) -> ProcessTimes:
 
 
 def compute_node_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the nodes, see `diagnosis.model.process_projection`; the gaps between the intervals do not run."""
+    """Compute the times of the nodes, see `diagnosis.model.process_projection`; run_s leaves out the gaps between intervals."""
     rows, _ = select_nodes(model)
     t_s, interval = model.references.t_s[rows], model.interval_of_reference[rows]
     ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
@@ -77,27 +77,27 @@ def compute_node_times(model: RecordingModel) -> ProcessTimes:
 def build_usual_columns(place: ProcessProjection, K: Array, share: float = LEAST_SHARE) -> Array:
     """Compute the strongest columns (N, r) of a process of covariance K; see `build_all_columns`."""
     powers, columns = place.powers(K, share)
-    kept = _select_powers(powers, SEEN * _find_largest_power(powers))[:MOST_COLUMNS]
-    enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), INFORMATION * float(np.sum(powers**2)))) + 1
-    return columns(kept[: max(enough, USUAL_COLUMNS)])
+    selected = _select_powers(powers, SEEN * _find_largest_power(powers))[:MOST_COLUMNS]
+    enough = int(np.searchsorted(np.cumsum(powers[selected] ** 2), INFORMATION * float(np.sum(powers**2)))) + 1
+    return columns(selected[: max(enough, USUAL_COLUMNS)])
 
 
 def build_all_columns(place: ProcessProjection, K: Array, least: float | None = None) -> Array:
-    """All columns (N, r) of a process of covariance K whose power reaches the least one, the strongest first.
+    """Build all columns (N, r) of a process of covariance K whose power reaches `least`, the strongest first.
 
-    By default those that can be seen beside the strongest. There is one at least, but of a process that nothing shows of, such
-    as a walk over cells of one time.
+    By default all columns that can be seen beside the strongest. There is at least one, but none of a process that cannot be
+    seen at all, such as a random walk over cells of one time.
     """
     powers, columns = place.powers(K, least=least or 0.0)
-    kept = _select_powers(powers, SEEN * _find_largest_power(powers) if least is None else least)
-    return columns(kept if kept.size else _select_powers(powers, 0.0)[:1])
+    selected = _select_powers(powers, SEEN * _find_largest_power(powers) if least is None else least)
+    return columns(selected if selected.size else _select_powers(powers, 0.0)[:1])
 
 
 def build_course_columns(place: ProcessProjection, values: Array) -> Array:
-    """Columns (N, k) of a process that is a sum of k courses (q, k) with independent amplitudes, the strongest first."""
-    made = values if place.mean is None else place.mean @ values
-    powers, turned = np.linalg.eigh(made.T @ place.gram @ made)
-    return np.asarray(place.columns @ (made @ turned[:, _select_powers(powers, SEEN * _find_largest_power(powers))]))
+    """Build the columns (N, k) of a sum of k courses (q, k) with independent amplitudes, the strongest first."""
+    averaged = values if place.mean is None else place.mean @ values
+    powers, turned = np.linalg.eigh(averaged.T @ place.gram @ averaged)
+    return np.asarray(place.columns @ (averaged @ turned[:, _select_powers(powers, SEEN * _find_largest_power(powers))]))
 
 
 def _find_largest_power(powers: Array) -> float:
@@ -105,22 +105,22 @@ def _find_largest_power(powers: Array) -> float:
 
 
 def _select_powers(powers: Array, least: float) -> Indices:
-    """Places of the powers beyond one and beyond rounding, the strongest first."""
+    """Select the indices of powers beyond `least` and beyond rounding, the strongest first."""
     return np.flatnonzero(powers > max(least, ROUNDING * _find_largest_power(powers)))[::-1]
 
 
 def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumns]:
-    """Random discrepancies that are on no list, about each axis; those of the time tags have none.
+    """List random errors outside the library about each axis; those of the time tags have no axis.
 
     Their time constants end at a sixth of the longest interval: what takes longer is a shape.
     """
-    at, nodes = compute_part_times(model), compute_node_times(model)
+    times, nodes = compute_part_times(model), compute_node_times(model)
     first, _ = split_cells(model)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
     taus = (longest / 60, longest / 20, longest / 6)
-    separate, indicators = np.equal.outer(at.interval, at.interval).astype(float), _build_indicators(at.interval)
-    slow, offsets = separate * markov(at.t_s, taus[-1]), np.deg2rad(1.0) * _build_indicators(nodes.interval)
+    separate, indicators = np.equal.outer(times.interval, times.interval).astype(float), _build_indicators(times.interval)
+    slow, offsets = separate * markov(times.t_s, taus[-1]), np.deg2rad(1.0) * _build_indicators(nodes.interval)
     same = np.equal.outer(nodes.interval, nodes.interval).astype(float)
 
     def wander(place: ProcessProjection) -> list[Array]:
@@ -130,7 +130,7 @@ def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumn
     for axis, name in enumerate(AXES):
         place, references = model.cell_places[axis], model.reference_places[axis]
         # One at a time: a covariance is tens of megabytes. What follows rates is as rough as they are.
-        columns = [build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in taus]
+        columns = [build_usual_columns(place, separate * markov(times.t_s, tau)) for tau in taus]
         yield build_rival(BIAS_WANDERS, name, columns, True, parameters=constants)
         yield build_rival(REFERENCES_WANDER, name, wander(references), True, parameters=constants)
         yield build_rival("bias differs between intervals", name, [build_course_columns(place, indicators)], True)
@@ -144,34 +144,33 @@ def list_process_alternatives(model: RecordingModel) -> Iterator[CandidateColumn
 
 
 def _build_indicators(interval: Indices) -> Array:
-    """(q, n) one in each of the intervals."""
+    """Build indicators (q, n) of the intervals."""
     return np.equal.outer(interval, np.unique(interval)).astype(float)
 
 
 def list_process_places(
     model: RecordingModel, effect: Effect
 ) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[ProcessProjection, ...]]:
-    """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
+    """Return the covariance of a random process as a function of its parameters, and its projections about each axis."""
     times = compute_node_times(model) if effect.on_references else compute_part_times(model)
     return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
 
 
 def add_finer_process(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
-    """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
+    """Add a random process with all its columns at a member's option, at the neighbours of it and halfway to them.
 
-    Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
-    whose options differ in more than one number, or not in numbers, has no neighbours. Between the scale at which it is held
-    and its neighbours are further ones, too: what a variance that is off by half leaves of hundreds of amplitudes would be
-    another effect.
+    The options halfway in log between its parameter and its neighbours' share its prior; an effect whose options differ in more
+    than one number, or not in numbers, has no neighbours. Scales are added between its scale and the neighbours', too: with a
+    variance wrong by half, the residual of hundreds of amplitudes would look like another effect.
     """
-    entry, held = linear.candidate(member), linear.option(member)
-    neighbours = _find_neighbour_options(entry, held)
-    weight = held.log_weight - float(np.log(1 + len(neighbours)))
-    wanted = {member.option: replace(held, log_weight=weight), **{option: entry.options[option] for option in neighbours}}
+    entry, current = linear.candidate(member), linear.option(member)
+    neighbours = _find_neighbour_options(entry, current)
+    weight = current.log_weight - float(np.log(1 + len(neighbours)))
+    wanted = {member.option: replace(current, log_weight=weight), **{option: entry.options[option] for option in neighbours}}
     for number, neighbour in enumerate(neighbours, len(entry.options)):
-        ((name, low),), ((_, high),) = held.parameters.items(), entry.options[neighbour].parameters.items()
+        ((name, low),), ((_, high),) = current.parameters.items(), entry.options[neighbour].parameters.items()
         halfway: Parameters = {name: float(np.sqrt(float(low) * float(high)))}
-        wanted[number] = replace(held, log_weight=weight, parameters=halfway)
+        wanted[number] = replace(current, log_weight=weight, parameters=halfway)
     covariance, places = list_process_places(model, effect)
     place = places[AXES.index(str(entry.axis))]
     options, columns, start = dict(enumerate(entry.options)), [], linear.W.shape[1]
@@ -183,11 +182,11 @@ def add_finer_process(model: RecordingModel, linear: LinearModel, member: Select
     return linear.replace_options(member.candidate, list(options.values()), W, model.project_out_nuisance(W), scales)
 
 
-def _find_neighbour_options(entry: Candidate, held: ParameterChoice) -> list[int]:
-    """Options whose one parameter is next to that of an option, below and above it."""
-    if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
+def _find_neighbour_options(entry: Candidate, current: ParameterChoice) -> list[int]:
+    """Find the options whose one parameter is next to that of an option, below and above it."""
+    if len(current.parameters) != 1 or any(isinstance(value, str) for value in current.parameters.values()):
         return []
-    (name,) = held.parameters
+    (name,) = current.parameters
     order = sorted(range(len(entry.options)), key=lambda number: float(entry.options[number].parameters[name]))
-    place = next(k for k, number in enumerate(order) if entry.options[number] is held)
+    place = next(k for k, number in enumerate(order) if entry.options[number] is current)
     return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]

@@ -64,7 +64,7 @@ class Block:
         return np.diff(np.append(self.groups, self.references.size))
 
     def average_references(self, values: Array) -> Array:
-        """Means over the references of each observation, (m, …) → (r, …)."""
+        """Average values over the references of each observation, (m, …) → (r, …)."""
         if self.groups.size == self.references.size:
             return values
         sums = np.add.reduceat(values, self.groups, axis=0)
@@ -194,11 +194,11 @@ class RecordingModel:
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes, self.residuals)
 
     def reading(self, high: Array) -> Array:
-        """Observations (N, k), not yet whitened, of readings that are too high: (n, 3, k) is added to the raw rates, rad/s."""
+        """Observe readings that are too high by (n, 3, k), rad/s, as observations (N, k), not whitened."""
         return self._observe_increments(self.readings_influence, high)
 
     def observe_rate_error(self, error: Array) -> Array:
-        """Observations of an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
+        """Observe an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
         return self._observe_increments(self.to_inertial, error)
 
     def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
@@ -215,16 +215,16 @@ class RecordingModel:
         return out
 
     def observe_reference_error(self, error: Array) -> Array:
-        """Observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
+        """Observe errors of the references in body axes, (m, 3, k) rad → (N, k)."""
         return self.average_references(-np.matmul(self.at_reference, error)).reshape(self.size, -1)
 
     def average_references(self, values: Array) -> Array:
-        """Means over the references of each observation, (m, …) → (r, …)."""
+        """Average values over the references of each observation, (m, …) → (r, …)."""
         parts = zip(self.blocks, self.reference_slices, strict=True)
         return np.concatenate([block.average_references(values[references]) for block, references in parts])
 
     def compute_attitude_turns(self, high: Array) -> Array:
-        """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
+        """Compute the attitude errors at every reference, not averaged, of too high readings, (n, 3, k) → (m, 3, k)."""
         return np.concatenate([self._totals(self.readings_influence, high, block) for block in self.blocks])
 
     @cached_property
@@ -239,12 +239,12 @@ class RecordingModel:
         return out
 
     def _totals(self, turn: Array, rates: Array, block: Block) -> Array:
-        """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
+        """Integrate rotated rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
         steps = block.steps
         return np.asarray(_integrate(turn[steps], self.dt[steps], np.ascontiguousarray(rates[steps], dtype=float), block.ends))
 
     def whiten(self, columns: Array) -> Array:
-        """L⁻¹ of the columns, (N,) or (N, k), with the factor L of the covariance of each block."""
+        """Whiten columns (N,) or (N, k) by L⁻¹, with the factor L of the covariance of each block."""
         values = columns.reshape(self.size, -1)
         out = np.empty(values.shape)
         for block in self.blocks:
@@ -276,15 +276,15 @@ class RecordingModel:
         return np.zeros((self.size, 0)) if self.nuisance_errors is None else self.whiten(self.reading(self.nuisance_errors))
 
     def project_out_nuisance(self, columns: Array) -> Array:
-        """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
+        """Project the nuisance parameters out of whitened columns, in batches: ten thousand columns take a gigabyte thrice."""
         basis, out = self.nuisance, np.empty_like(columns)
         for first in range(0, columns.shape[-1] if columns.ndim > 1 else 1, PROJECTED_COLUMNS_PER_BATCH):
-            some = (..., slice(first, first + PROJECTED_COLUMNS_PER_BATCH)) if columns.ndim > 1 else ...
-            np.subtract(columns[some], basis @ (basis.T @ columns[some]), out=out[some])
+            batch = (..., slice(first, first + PROJECTED_COLUMNS_PER_BATCH)) if columns.ndim > 1 else ...
+            np.subtract(columns[batch], basis @ (basis.T @ columns[batch]), out=out[batch])
         return out
 
     def whiten_and_project(self, columns: Array) -> Array:
-        """Whitened and projected."""
+        """Whiten columns and project the nuisance parameters out."""
         return self.project_out_nuisance(self.whiten(columns))
 
     @cached_property
@@ -294,7 +294,7 @@ class RecordingModel:
 
     @property
     def weighed_residuals(self) -> Array:
-        """(N,) V⁻¹ (z − C θ), of the observations less what the nuisance parameters explain."""
+        """V⁻¹ (z − C θ), (N,), of the observations less the fit of the nuisance parameters."""
         out = self.y.copy()
         for block in self.blocks:
             out[block.rows] = scipy.linalg.solve_triangular(block.whitener, out[block.rows], lower=True, trans="T")
@@ -339,8 +339,8 @@ class RecordingModel:
     def cell_columns(self) -> Array:
         """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
         turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
-        made = (self.passed_shares[:, None, :] * turned[:, :, axis].T for axis in range(3))
-        return np.stack([self.whiten(part.reshape(self.size, -1)) for part in made])
+        errors = (self.passed_shares[:, None, :] * turned[:, :, axis].T for axis in range(3))
+        return np.stack([self.whiten(part.reshape(self.size, -1)) for part in errors])
 
     @cached_property
     def reference_columns(self) -> Array:
@@ -388,7 +388,7 @@ def build_parameter_errors(raw: Array) -> Array:
 
 @compile_cached
 def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:
-    """(m, 3, k) integrals of rates (n, 3, k), turned by (n, 3, 3), from the first of the ends (m,) to each of them."""
+    """Integrate rates (n, 3, k), rotated by (n, 3, 3), from the first of the ends (m,) to each of them, (m, 3, k)."""
     # Loops: the assignment of a slice takes four seconds to compile, most of them for the text of its error.
     out = np.zeros((ends.size, 3, rates.shape[2]))
     for m in range(1, ends.size):

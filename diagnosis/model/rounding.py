@@ -40,7 +40,7 @@ ITERATIONS = 60  # of the optimisation, at most
 def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:
     """Add to the noise of a model what rounding to steps (3,) leaves, rad/s; zero where they are finer than the noise."""
     axes = np.repeat(np.flatnonzero(steps > 0), len(TIMES))
-    kernels = [one for axis in np.flatnonzero(steps > 0) for one in build_kernels(model, int(axis))]
+    kernels = [kernel for axis in np.flatnonzero(steps > 0) for kernel in build_kernels(model, int(axis))]
     variances = estimate_variances(model, kernels, steps[axes] ** 2 / 3)
     blocks = []
     for number, block in enumerate(model.blocks):
@@ -53,21 +53,21 @@ def build_kernels(model: RecordingModel, axis: int) -> list[Kernel]:
     """Build the kernels of rate errors about one axis, one for each correlation time."""
     length = float(np.median([block.elapsed_s[-1] for block in model.blocks]))
     t_s, interval, columns = model.cells.t_s, model.cells.interval, model.cell_columns[axis]
-    found = []
+    kernels = []
     for tau in np.array(TIMES) * length:
         parts = []
         for number, block in enumerate(model.blocks):
-            own = interval == number
-            part = columns[block.rows][:, own]
-            parts.append(part @ np.exp(-np.abs(np.subtract.outer(t_s[own], t_s[own])) / tau) @ part.T)
-        found.append(tuple(parts))
-    return found
+            inside = interval == number
+            part = columns[block.rows][:, inside]
+            parts.append(part @ np.exp(-np.abs(np.subtract.outer(t_s[inside], t_s[inside])) / tau) @ part.T)
+        kernels.append(tuple(parts))
+    return kernels
 
 
 def estimate_variances(model: RecordingModel, kernels: Sequence[Kernel], largest: Array) -> Array:
     """Estimate the variances (K,) of kernels by maximum likelihood, none of which is beyond its bound (K,)."""
     y, B, rows = model.whiten(model.zeta), build_shared_columns(model), [block.rows for block in model.blocks]
-    found = scipy.optimize.minimize(
+    fit = scipy.optimize.minimize(
         lambda x: compute_negative_log_likelihood(np.exp(x), y, B, rows, kernels),
         np.log(START * largest),
         jac=True,
@@ -75,7 +75,7 @@ def estimate_variances(model: RecordingModel, kernels: Sequence[Kernel], largest
         bounds=[(np.log(LEAST * most), np.log(most)) for most in largest],
         options={"maxiter": ITERATIONS, "ftol": PRECISION},
     )
-    theta = np.exp(found.x)
+    theta = np.exp(fit.x)
     return np.where(theta > 2 * LEAST * largest, theta, 0.0)
 
 
@@ -88,26 +88,26 @@ def _build_covariance(theta: Array, kernels: Sequence[Kernel], number: int) -> A
 def compute_negative_log_likelihood(
     theta: Array, y: Array, B: Array, rows: Sequence[slice], kernels: Sequence[Kernel]
 ) -> tuple[float, Array]:
-    """−log L and its gradient with respect to log θ, see the module."""
+    """Compute −log L and its gradient with respect to log θ, see the module."""
     Cy, CB = np.empty_like(y), np.empty_like(B)
     log_det, inverses = 0.0, []
-    for number, own in enumerate(rows):
+    for number, block_rows in enumerate(rows):
         C = _build_covariance(theta, kernels, number)
         factor = scipy.linalg.cholesky(C, lower=True, check_finite=False, overwrite_a=True)
         log_det += 2 * float(np.log(np.diag(factor)).sum())
         inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
         inverse = np.tril(inverse) + np.tril(inverse, -1).T
         inverses.append(inverse)
-        Cy[own], CB[own] = inverse @ y[own], inverse @ B[own]
+        Cy[block_rows], CB[block_rows] = inverse @ y[block_rows], inverse @ B[block_rows]
     M = np.eye(B.shape[1]) + B.T @ CB
     small = scipy.linalg.cholesky(M, lower=True, check_finite=False)
-    along = scipy.linalg.cho_solve((small, True), B.T @ Cy, check_finite=False)
-    Qy = Cy - CB @ along
+    coefficients = scipy.linalg.cho_solve((small, True), B.T @ Cy, check_finite=False)
+    Qy = Cy - CB @ coefficients
     half = scipy.linalg.solve_triangular(small, CB.T, lower=True, check_finite=False).T  # (N, q): CB M⁻¹ CBᵀ = half halfᵀ
     value = 0.5 * (log_det + 2 * float(np.log(np.diag(small)).sum()) + float(y @ Qy))
     slope = np.zeros(theta.size)
-    for number, own in enumerate(rows):
-        Q, q = inverses[number] - half[own] @ half[own].T, Qy[own]
+    for number, block_rows in enumerate(rows):
+        Q, q = inverses[number] - half[block_rows] @ half[block_rows].T, Qy[block_rows]
         for k, kernel in enumerate(kernels):
             K = kernel[number]
             slope[k] -= 0.5 * theta[k] * (float(q @ K @ q) - float(np.sum(Q * K)))

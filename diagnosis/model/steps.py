@@ -38,9 +38,9 @@ PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak rea
 
 
 def step_times(model: RecordingModel) -> StepTimes:
-    """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
+    """List the times a step is tried at, their widths where unknown, their prior weights, and their first steps.
 
-    Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
+    The time of a step between two intervals cannot be seen, so the middle of the gap stands for all of it.
     """
     times, widths, weights, firsts = [], [], [], []
     stream, t_s = model.stream, model.stream.t_s
@@ -66,7 +66,7 @@ def step_times(model: RecordingModel) -> StepTimes:
 def build_switched_columns(
     model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
 ) -> Array:
-    """(N, s) whitened columns of an effect that is switched on at each of several steps."""
+    """Build whitened columns (N, s) of an effect that is switched on at each of several steps."""
     stream = model.stream
     begin = float(stream.t_s[0]) - ALREADY_ON - float(stream.duration_s[0])
     on = effect.columns(stream, axis, {**parameters, "time_s": begin})[:, :, 0]
@@ -74,9 +74,9 @@ def build_switched_columns(
 
 
 def add_finer_times(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
-    """The linear model with more times for a step of any element, close together around the one at which a member is held.
+    """Add times for a step of any element to a linear model, close together around a member's time.
 
-    They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
+    They take half the prior of the times between which they lie; a gap between intervals keeps its prior.
     """
     entry, parameters = linear.candidate(member), linear.option(member).parameters
     if "time_s" not in parameters:
@@ -108,7 +108,7 @@ def _add_times(
     givers: Sequence[ParameterChoice],
     share: float,
 ) -> LinearModel:
-    """The linear model with options of a step at further times, which take a share of the prior of some of those there are."""
+    """Add options of a step at further times, which take a share of the prior of the options `givers`."""
     entry, start = linear.candidates[place], linear.W.shape[1]
     W = build_switched_columns(model, effect, entry.axis, fixed, firsts)
     weight = float(np.log(share * sum(np.exp(giver.log_weight) for giver in givers) / firsts.size))
@@ -136,7 +136,7 @@ class StepPeak:
 
 
 class ResidualProducts:
-    """What is left of observations (N,) and columns (N, k) beside some members."""
+    """Products of observations (N,) and columns (N, k) with S⁻¹, given some members."""
 
     def __init__(self, linear: LinearModel, members: Sequence[SelectedCandidate]):
         places, scales, shifts = linear.build_design(members)
@@ -145,30 +145,30 @@ class ResidualProducts:
         self.y = self.apply_inverse(linear.y - linear.X[:, shifts].sum(axis=1))
 
     def apply_inverse(self, values: Array) -> Array:
-        """S⁻¹ of observations or columns."""
+        """Multiply observations or columns by S⁻¹."""
         if self._factor is None:
             return values
         return np.asarray(values - self._C @ scipy.linalg.cho_solve(self._factor, self._C.T @ values))
 
     def log_ratio(self, X: Array) -> Array:
-        """(k,) log of the likelihood ratio of each column with an amplitude of any size."""
+        """Compute the log (k,) of the likelihood ratio of each column with an amplitude of any size."""
         power = np.einsum("nk,nk->k", X, X)
         if self._factor is not None:
             inner = self._C.T @ X
             power = power - np.einsum("rk,rk->k", inner, scipy.linalg.cho_solve(self._factor, inner))
-        seen = power > 0
-        return np.where(seen, 0.5 * (X.T @ self.y) ** 2 / np.where(seen, power, 1.0), 0.0)
+        is_visible = power > 0
+        return np.where(is_visible, 0.5 * (X.T @ self.y) ** 2 / np.where(is_visible, power, 1.0), 0.0)
 
 
 def add_step_times(
     model: RecordingModel, linear: LinearModel, effects: Mapping[str, Effect], wanted: Sequence[Wanted]
 ) -> LinearModel:
-    """The linear model with further times for the steps that explain most beside some members.
+    """Add further times to a linear model for the steps that explain most beside some sets of members.
 
-    Each wanted set of members has the log of the likelihood ratio that a step must have beside it.
+    A wanted set of members has the log of the likelihood ratio that a step must exceed beside it.
     """
     residual_products = [ResidualProducts(linear, members) for members, _ in wanted]
-    taken = [{member.candidate for member in members} for members, _ in wanted]
+    members_by_set = [{member.candidate for member in members} for members, _ in wanted]
     firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SCANNED_TIMES, model.t_s.size - 1)).astype(np.intp))
     peaks_by_set: list[list[StepPeak]] = [[] for _ in wanted]
     for candidate, entry in enumerate(linear.candidates):
@@ -178,16 +178,16 @@ def add_step_times(
         for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
             X = model.project_out_nuisance(build_switched_columns(model, effect, entry.axis, fixed, firsts))
             for number, products in enumerate(residual_products):
-                if candidate not in taken[number]:
+                if candidate not in members_by_set[number]:
                     peaks_by_set[number].append(_find_ratio_peak(products.log_ratio(X), firsts, candidate, fixed))
-    worth = [
+    ranked = [
         (peak.height / max(least, 1.0), peak)
         for (_, least), peaks in zip(wanted, peaks_by_set, strict=True)
         for peak in peaks
         if peak.height > max(least, 0.0)
     ]
     chosen: dict[tuple[object, ...], StepPeak] = {}
-    for _, peak in sorted(worth, key=lambda products: -products[0]):
+    for _, peak in sorted(ranked, key=lambda pair: -pair[0]):
         chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
     for peak in list(chosen.values())[:MOST_MOMENTS]:
         linear = _add_peak_times(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
@@ -195,7 +195,7 @@ def add_step_times(
 
 
 def _add_peak_times(model: RecordingModel, linear: LinearModel, effect: Effect, peak: StepPeak) -> LinearModel:
-    """The linear model with further times around a peak."""
+    """Add further times around a peak to a linear model."""
     givers = [
         option
         for option in linear.candidates[peak.candidate].options
@@ -222,7 +222,7 @@ def _list_fixed_parameters(parameters: Iterable[Parameters]) -> list[Parameters]
 
 
 def _find_ratio_peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> StepPeak:
-    """The highest peak, and one time further to each side."""
+    """Find the highest peak of a likelihood ratio, and its extent, one time further to each side."""
     top = int(np.argmax(ratio))
     below = np.flatnonzero(ratio < ratio[top] - PEAK)
     low = int(below[below < top].max(initial=0))

@@ -33,7 +33,7 @@ FITTING = 12.0  # χ² above the least, up to which a delay is an option
 
 
 def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[tuple[Array, float]]:
-    """Columns (N, 1) at the delays that fit the data, and their prior weights; none where those of a short delay do.
+    """Fit columns (N, 1) at the delays that fit the data, with prior weights; none where the column of a short delay does.
 
     The prior is the shortest and the longest delay that is plausible, s.
     """
@@ -44,11 +44,11 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
 
     column, delay = small, 0.0
     for _ in range(ROUNDS):
-        before, delay = delay, float(np.clip(_fit_amplitude(model, column), -prior[1], prior[1]))
+        previous, delay = delay, float(np.clip(_fit_amplitude(model, column), -prior[1], prior[1]))
         if abs(delay) < prior[0]:
             return []
         column = path.column(delay)
-        if abs(delay - before) < SETTLED * abs(delay):
+        if abs(delay - previous) < SETTLED * abs(delay):
             break
     if abs(delay) * float(np.linalg.norm(model.project_out_nuisance(column - small))) < NONLINEAR:
         return []
@@ -72,7 +72,7 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
 
 
 def compute_delay_shares(gains: Array) -> Array:
-    """Shares (d,) of delays that explain χ² less than a fit of their amplitude, by what they explain less."""
+    """Compute the prior shares (d,) of delays from the χ² that a free amplitude gains beside each."""
     weights = np.exp(-0.5 * (gains - gains.min()))
     return np.asarray(weights / weights.sum())
 
@@ -97,24 +97,24 @@ class _Path:
             self.to_inertial.append(start.inv() * Rotation.concatenate([Rotation.identity(), relative]).inv())
 
     def column(self, delay: float) -> Array:
-        """(N, 1) whitened observations of a delay, per second of it."""
+        """Observe a delay as whitened observations (N, 1), per second of it."""
         parts = []
         for number, (block, references) in enumerate(zip(self.model.blocks, self.model.reference_slices, strict=True)):
-            attitude, now = partial(self._compute_attitude, number), block.elapsed_s
+            attitude, elapsed_s = partial(self._compute_attitude, number), block.elapsed_s
             first = attitude(np.array([delay])) * attitude(np.zeros(1)).inv()
-            E = first.inv() * attitude(now + delay) * attitude(now).inv()
-            off = (E * Rotation.from_rotvec(self.model.off[references]).inv()).as_rotvec()
-            parts.append(block.average_references(self.model.residuals[references] + off).ravel())
+            E = first.inv() * attitude(elapsed_s + delay) * attitude(elapsed_s).inv()
+            errors = (E * Rotation.from_rotvec(self.model.off[references]).inv()).as_rotvec()
+            parts.append(block.average_references(self.model.residuals[references] + errors).ravel())
         return self.model.whiten(np.concatenate(parts)[:, None] / delay)
 
     def _compute_attitude(self, number: int, t: Array) -> Rotation:
-        """Aᵀ at times from a block's start; beyond its ends at constant rate."""
+        """Compute Aᵀ at times from a block's start; beyond its ends at constant rate."""
         edges, rates = self.begin[number], self.model.rates[self.model.blocks[number].steps]
         k = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(rates) - 1)
         return self.to_inertial[number][k] * Rotation.from_rotvec(rates[k] * (t - edges[k])[:, None])
 
 
 def _fit_amplitude(model: RecordingModel, column: Array) -> float:
-    """Least-squares amplitude of a column."""
+    """Fit the amplitude of a column by least squares."""
     x = model.project_out_nuisance(column)[:, 0]
     return float(x @ model.y / max(float(x @ x), 1e-300))

@@ -1,4 +1,4 @@
-"""Signatures: what each effect does to the whitened and projected observations, per unit of its size.
+"""Signatures: errors by each effect in the whitened and projected observations, per unit of its size.
 
 Columns and options are the candidates of the diagnosis itself (`diagnosis.model.candidates`), with G, b and the start attitudes
 projected out (`diagnosis.model.recording_model`), linearised at the scenario's true G and b. A random effect is a covariance X
@@ -27,7 +27,7 @@ OF_TIME = ("time_s", "time_sigma_s")  # parameters of an option that is one of s
 
 @dataclass(frozen=True)
 class Signature:
-    """What an effect does to the whitened and projected observations, per unit of its size."""
+    """Error by an effect in the whitened and projected observations, per unit of its size."""
 
     effect: str  # effect, axis, label: the label also tells what else is fixed in a switched effect, as in "effect:z<y"
     axis: str | None
@@ -75,31 +75,33 @@ class Signature:
 
 
 def linearise_noise_free(scenario: Scenario) -> RecordingModel:
-    """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
+    """Linearise a recording about the true G and b, without noise, with the simulator's gyro temperature as housekeeping."""
     recording = add_gyro_temperature(simulate(scenario, noise=False))
     return linearise_recording(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
 def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTimes | None = None) -> list[Signature]:
     """Build the signatures of some effects, the random ones last; steps are at the times of the diagnosis by default."""
-    out = []
+    signatures = []
     for group in list_effect_groups(model, [EFFECTS[name] for name in names], None, steps):
         for label, options in _split(group).items():
             W = np.stack([group.columns[k] for k in options], axis=1)
             X = model.project_out_nuisance(W.reshape(model.size, -1)).reshape(W.shape)
             share = np.linalg.norm(X, axis=(0, 2)) / np.maximum(np.linalg.norm(W, axis=(0, 2)), 1e-300)
             weights, parameters = group.weights[options], tuple(group.parameters[k] for k in options)
-            out.append(Signature(group.effect, group.axis, label, X, share, weights / weights.sum(), parameters, group.process))
-    return sorted(out, key=lambda signature: signature.process)
+            signatures.append(
+                Signature(group.effect, group.axis, label, X, share, weights / weights.sum(), parameters, group.process)
+            )
+    return sorted(signatures, key=lambda signature: signature.process)
 
 
 def _split(group: CandidateColumns) -> dict[str, list[int]]:
-    """Options of each signature of a candidate: one signature for each set of parameters of an effect that is switched on."""
+    """Split the options of a candidate into its signatures: one for each set of parameters of an effect that is switched on."""
     effect = EFFECTS[group.effect]
     label = group.effect if group.axis is None else f"{group.effect}:{group.axis}"
     if group.process:
-        usual = {parameter.name: parameter.default for parameter in effect.parameters}
-        return {label: [min(range(len(group.columns)), key=lambda k: _measure_unusualness(group.parameters[k], usual))]}
+        defaults = {parameter.name: parameter.default for parameter in effect.parameters}
+        return {label: [min(range(len(group.columns)), key=lambda k: _measure_unusualness(group.parameters[k], defaults))]}
     if not effect.switched:
         return {label: list(range(len(group.columns)))}
     places_by_label: dict[str, list[int]] = {}
@@ -109,20 +111,20 @@ def _split(group: CandidateColumns) -> dict[str, list[int]]:
     return places_by_label
 
 
-def _measure_unusualness(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
+def _measure_unusualness(parameters: Mapping[str, float | str], defaults: Mapping[str, float | str | None]) -> float:
     """Measure the distance of an option from the defaults of its effect."""
-    away = 0.0
+    distance = 0.0
     for name, value in parameters.items():
-        default = usual[name]
+        default = defaults[name]
         if isinstance(value, float) and isinstance(default, float):
-            away += abs(float(np.log(value / default)))
+            distance += abs(float(np.log(value / default)))
         else:
-            away += value != default
-    return away
+            distance += value != default
+    return distance
 
 
 def find_median_index(values: Array, weights: Array) -> int:
-    """Index of the weighted median."""
+    """Find the index of the weighted median."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return int(order[min(np.searchsorted(total, 0.5 * total[-1]), order.size - 1)])

@@ -57,7 +57,7 @@ class InvisibleEffect:
     maneuver: str  # what would show it
 
     def describe(self) -> str:
-        """Say how far the effect moves the parameter that it moves most, and what would show it."""
+        """Describe how far the effect moves the parameter that it moves most, and which motion would show it."""
         worst = int(np.argmax(np.abs(self.sigmas)))
         factor, unit = (np.rad2deg(3600), "deg/h") if worst >= 9 else (1e6, "ppm")
         size, moved, sigmas = (
@@ -70,7 +70,7 @@ class InvisibleEffect:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The effect as documented."""
+        """Return the effect as documented."""
         return {
             "effect": self.label,
             "size": self.size,
@@ -105,7 +105,7 @@ def find_invisible_effects(recording: Recording, G: Array, bias: Array, sigma: A
 def _try_effect(
     model: RecordingModel, effect: Effect, axis: str | None, ranges: PlausibleRanges, solve: Array, sigma: Array
 ) -> Iterator[InvisibleEffect]:
-    """The effect at the parameters at which it moves G and b most, if it is hidden there."""
+    """Try an effect at the parameters, among those at which it is hidden, at which it moves G and b most; empty if at none."""
     label = effect.name if axis is None else f"{effect.name}:{axis}"
     best: InvisibleEffect | None = None
     for trial in effect.trials(model.surroundings):
@@ -126,7 +126,7 @@ def _try_effect(
 def _choose_size(
     model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], ranges: PlausibleRanges
 ) -> float:
-    """A plausible size of an effect, in its unit."""
+    """Choose a plausible size of an effect, in its unit."""
     if effect.on_references:
         largest = float(np.abs(effect.reference_columns(model.references, axis, parameters)).max())
         plausible = float(np.median(model.recording.attitudes.sigma))

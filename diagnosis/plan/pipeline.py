@@ -48,36 +48,36 @@ def plan(
         if name not in EFFECTS:
             raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
     names = [name for name in EFFECTS if not effects or name in effects]
-    longer = {
+    extended_scenarios = {
         name: append_intervals(scenario, parts)
         for name, parts in (list_maneuvers(scenario) if extras is None else extras).items()
     }
     report("linear model", 0.0)
     model = linearise_noise_free(scenario)
-    every = build_signatures(model, names)
+    signatures = build_signatures(model, names)
     report("candidates", 0.05)
     power = DetectionPower(build_linear_model(model, list(EFFECTS.values()), settings=settings, scan=False), seed, settings)
     report("smallest visible sizes", 0.15)
-    seen = []
-    for number, signature in enumerate(every):
-        report("smallest visible sizes", 0.15 + 0.55 * number / len(every))
-        seen.append(find_visible_size(signature, power))
-    seen += list_unavailable_effects(model, [EFFECTS[name] for name in names])
+    visible = []
+    for number, signature in enumerate(signatures):
+        report("smallest visible sizes", 0.15 + 0.55 * number / len(signatures))
+        visible.append(find_visible_size(signature, power))
+    visible += list_unavailable_effects(model, [EFFECTS[name] for name in names])
     report("pairs", 0.7)
-    pairs = list_pairs(every, seen)
-    helped = []
-    for number, (name, extended) in enumerate(longer.items()):
-        report(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
-        helped.append(evaluate_extra(name, scenario, extended, model, every, seen, pairs))
+    pairs = list_pairs(signatures, visible)
+    evaluated = []
+    for number, (name, extended) in enumerate(extended_scenarios.items()):
+        report(f"extra: {name}", 0.7 + 0.3 * number / len(extended_scenarios))
+        evaluated.append(evaluate_extra(name, scenario, extended, model, signatures, visible, pairs))
     order = {name: number for number, name in enumerate(EFFECTS)}
     return Plan(
         scenario=scenario.title,
         false_alarm_rate=settings.false_alarm_rate,
         threshold=power.threshold,
         degrees_of_freedom=model.degrees_of_freedom,
-        effects=tuple(sorted(seen, key=lambda signature: (order[signature.effect], signature.label))),
+        effects=tuple(sorted(visible, key=lambda size: (order[size.effect], size.label))),
         pairs=tuple(pairs),
-        extras=tuple(sorted(helped, key=lambda signature: (signature.ratio, -len(signature.resolved)))),
+        extras=tuple(sorted(evaluated, key=lambda extra: (extra.ratio, -len(extra.resolved)))),
         notes=_write_plan_notes(scenario, model),
         runtime_s=time.perf_counter() - began,
     )

@@ -1,6 +1,6 @@
-"""What a plan says: smallest visible sizes, inseparable pairs, extra maneuvers, and all of it as JSON.
+"""The result of a plan: smallest visible sizes, inseparable pairs, extra maneuvers, and all of it as JSON.
 
-The numbers that decide something in a plan are in `PlanSettings`.
+The thresholds of a plan are in `PlanSettings`.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Visible:
 
 @dataclass(frozen=True)
 class Pair:
-    """An effect that another one imitates."""
+    """An effect that is mistaken for another one."""
 
-    effect: str  # effect, other: labels; `effect` is at work and `other` imitates it
+    effect: str  # effect, other: labels; `effect` acts and is mistaken for `other`
     other: str
     share: float  # ρ², NaN for random effects
     snr: float  # that tells them apart; infinite if nothing does, NaN for random effects
@@ -46,7 +46,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Extra:
-    """What an extra maneuver brings."""
+    """Improvements by an extra maneuver."""
 
     name: str  # of the maneuver
     hours: float  # it takes
@@ -59,7 +59,7 @@ class Extra:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything a plan says."""
+    """The result of a plan."""
 
     scenario: str  # title
     false_alarm_rate: float  # false_alarm_rate, threshold: of the diagnosis, and the value of its statistic that stands for it
@@ -72,11 +72,11 @@ class Plan:
     runtime_s: float  # time taken
 
     def list_unordered_pairs(self) -> set[tuple[str, str]]:
-        """The inseparable pairs, each once."""
+        """List the inseparable pairs, each once."""
         return {order_pair(pair.effect, pair.other) for pair in self.pairs}
 
     def to_json(self) -> dict[str, Any]:
-        """Document of `gyrocal plan --json`, format 1."""
+        """Return the document of `gyrocal plan --json`, format 1."""
         return {
             "format": 1,
             "scenario": self.scenario,
@@ -93,7 +93,7 @@ class Plan:
 
 
 def order_pair(first: str, second: str) -> tuple[str, str]:
-    """A pair of labels in one order, whichever imitates which."""
+    """Sort a pair of labels, whichever is mistaken for the other."""
     return (first, second) if first < second else (second, first)
 
 

@@ -22,78 +22,78 @@ from gyrocal.arrays import Array
 from simulator.effects import EFFECTS
 
 
-def compute_confusion_shares(every: Sequence[Signature]) -> tuple[Array, Array]:
-    """ρ² of each effect (row) by each other (column), and the size of the other that does it per unit of the first.
+def compute_confusion_shares(signatures: Sequence[Signature]) -> tuple[Array, Array]:
+    """Compute ρ² of each effect (row) by each other (column), and the other's size for a unit of the first.
 
     Over the options of the other the best imitation counts, over those of the effect itself the median.
     """
-    count = len(every)
-    bases = [_build_basis(signature) for signature in every]
+    count = len(signatures)
+    bases = [_build_basis(signature) for signature in signatures]
     Q = np.hstack([basis.reshape(len(basis), -1) for basis in bases])
-    parts = np.cumsum([0] + [signature.X.shape[1] * signature.X.shape[2] for signature in every])
+    parts = np.cumsum([0] + [signature.X.shape[1] * signature.X.shape[2] for signature in signatures])
     rho, ratio = np.zeros((count, count)), np.zeros((count, count))
-    for i, signature in enumerate(every):
+    for i, signature in enumerate(signatures):
         power = np.sum(signature.X**2, axis=(0, 2))  # (o,)
         products = np.sum(
             (Q.T @ signature.X.reshape(len(signature.X), -1)).reshape(Q.shape[1], *signature.X.shape[1:]) ** 2, axis=2
         )
-        for j, imitator in enumerate(every):
-            options, k = imitator.X.shape[1:]
-            by = products[parts[j] : parts[j + 1]].reshape(options, k, -1).sum(axis=1)  # (options, o)
-            best = by.argmax(axis=0)
-            imitated = by[best, np.arange(power.size)]
-            share = np.minimum(imitated / np.maximum(power, 1e-300), 1.0)
+        for j, other in enumerate(signatures):
+            options, k = other.X.shape[1:]
+            explained_powers = products[parts[j] : parts[j + 1]].reshape(options, k, -1).sum(axis=1)  # (options, o)
+            best = explained_powers.argmax(axis=0)
+            explained = explained_powers[best, np.arange(power.size)]
+            share = np.minimum(explained / np.maximum(power, 1e-300), 1.0)
             middle = find_median_index(share, signature.weights)
             rho[i, j] = share[middle]
-            ratio[i, j] = np.sqrt(imitated[middle] / signature.X.shape[2]) / max(imitator.norms[best[middle]], 1e-300)
+            ratio[i, j] = np.sqrt(explained[middle] / signature.X.shape[2]) / max(other.norms[best[middle]], 1e-300)
     return rho, ratio
 
 
 def _build_basis(signature: Signature) -> Array:
-    """(N, o, k) orthonormal basis of each option; zero where the option cannot be seen."""
+    """Build an orthonormal basis (N, o, k) of each option; zero where the option cannot be seen."""
     U, s, _ = np.linalg.svd(signature.X.transpose(1, 0, 2), full_matrices=False)
-    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (signature.share > SETTINGS.gone)[:, None]
-    return np.asarray((U * kept[:, None, :]).transpose(1, 0, 2))
+    is_visible = (s > 1e-9 * max(float(s.max()), 1e-300)) & (signature.share > SETTINGS.gone)[:, None]
+    return np.asarray((U * is_visible[:, None, :]).transpose(1, 0, 2))
 
 
 def compute_separating_snr(share: Array) -> Array:
-    """SNR that gives log odds of ln 19 where a share ρ² can be imitated."""
+    """Compute the SNR that gives log odds of ln 19 where the share ρ² can be explained by another effect."""
     distinct = 1 - np.asarray(share)
     return np.where(distinct > SETTINGS.exact, np.sqrt(2 * SETTINGS.log_odds / np.maximum(distinct, SETTINGS.exact)), np.inf)
 
 
-def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair]:
+def list_pairs(signatures: Sequence[Signature], sizes: Sequence[Visible]) -> list[Pair]:
     """List the pairs of visible effects that take more than an SNR of `PlanSettings.limit_snr` to tell apart, the worst first.
 
     An imitation that takes an implausible size of the other does not count. Random effects are compared with one another;
     a pair of them counts if it takes as much more than the visible size as `PlanSettings.limit_snr` is more than the usual SNR.
     """
-    known = {signature.label: signature for signature in seen if signature.verdict == "visible"}
-    some = [signature for signature in every if signature.label in known and not signature.process]
-    out = []
-    if some:
-        rho, ratio = compute_confusion_shares(some)
+    visible = {signature.label: signature for signature in sizes if signature.verdict == "visible"}
+    deterministic = [signature for signature in signatures if signature.label in visible and not signature.process]
+    pairs = []
+    if deterministic:
+        rho, ratio = compute_confusion_shares(deterministic)
         snr = compute_separating_snr(rho)
         for i, j in np.argwhere(snr > SETTINGS.limit_snr):
             if i == j:
                 continue
-            signature = known[some[i].label]
-            if ratio[i, j] * signature.best > EFFECTS[some[j].effect].prior[1]:
+            signature = visible[deterministic[i].label]
+            if ratio[i, j] * signature.best > EFFECTS[deterministic[j].effect].prior[1]:
                 continue
-            size = float(snr[i, j]) / float(some[i].norms[some[i].middle])
-            out.append(Pair(signature.label, some[j].label, float(rho[i, j]), float(snr[i, j]), size))
-    noisy = [signature for signature in every if signature.label in known and signature.process]
-    for first in noisy:
-        for second in noisy:
+            size = float(snr[i, j]) / float(deterministic[i].norms[deterministic[i].middle])
+            pairs.append(Pair(signature.label, deterministic[j].label, float(rho[i, j]), float(snr[i, j]), size))
+    random = [signature for signature in signatures if signature.label in visible and signature.process]
+    for first in random:
+        for second in random:
             if first.label != second.label:
-                size = find_separating_size(first, second, known[first.label].size)
-                if size > SETTINGS.limit_snr / SETTINGS.snr * known[first.label].size:
-                    out.append(Pair(first.label, second.label, float("nan"), float("nan"), size))
-    return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
+                size = find_separating_size(first, second, visible[first.label].size)
+                if size > SETTINGS.limit_snr / SETTINGS.snr * visible[first.label].size:
+                    pairs.append(Pair(first.label, second.label, float("nan"), float("nan"), size))
+    return sorted(pairs, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
 
 
-def find_separating_size(signature: Signature, imitator: Signature, start: float) -> float:
-    """Size of a random effect at which another differs by a divergence of ln 19 at its best size.
+def find_separating_size(signature: Signature, other: Signature, start: float) -> float:
+    """Find the size of a random effect at which another differs by a divergence of ln 19 at its best size.
 
     With orthogonal columns X of squared lengths d and unit directions Q, S = I + r² X Xᵀ has S⁻¹ = I − Q g Qᵀ with
     g = r² d/(1 + r² d), so that the divergence
@@ -102,7 +102,7 @@ def find_separating_size(signature: Signature, imitator: Signature, start: float
 
     takes only the squared products of the directions of both.
     """
-    A, B = signature.X[:, 0], imitator.X[:, 0]
+    A, B = signature.X[:, 0], other.X[:, 0]
     d_A, d_B = np.sum(A**2, axis=0), np.sum(B**2, axis=0)
     cross = ((B / np.sqrt(np.maximum(d_B, 1e-300))).T @ A) ** 2  # (r_B, r_A)
     sizes = start * np.geomspace(0.3, 30.0, 41)

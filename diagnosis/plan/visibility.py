@@ -1,11 +1,11 @@
 """Smallest visible size of each effect that shows in the attitude.
 
-The diagnosis calls a gap when its statistic T, the evidence averaged over all candidates (`Search.null_statistic`), passes the
-point that M0 passes with the probability `DiagnosisSettings.false_alarm_rate`. T is a log of a sum of
-exponentials of convex quadratics in the observations y, and even in y; so {T ≤ threshold} is a convex set symmetric about 0,
-and by Anderson's theorem (Proc. AMS 6, 1955, 170–176) the probability to leave it never falls as y = a x + n moves out along
-a fixed signature x, nor as a random x is scaled up. The size at which 90 % of draws leave it therefore exists and is unique.
-It is found with T itself on common draws of n, so that the price of looking everywhere is in it: no chi-square is assumed.
+The diagnosis calls a gap when its statistic T, the evidence averaged over all candidates (`Search.compute_null_statistic`),
+passes the point that M0 passes with the probability `DiagnosisSettings.false_alarm_rate`. T is a log of a sum of exponentials
+of convex quadratics in the observations y, and even in y; so {T ≤ threshold} is a convex set symmetric about 0, and by
+Anderson's theorem (Proc. AMS 6, 1955, 170–176) the probability to leave it never falls as y = a x + n moves out along a fixed
+signature x, nor as a random x is scaled up. The size at which 90 % of draws leave it therefore exists and is unique. It is
+found with T itself on common draws of n, so that the price of looking everywhere is in it: no chi-square is assumed.
 
 Where an effect has a time, the size is that at the median one, and at the phase of mean power; `best` and `worst` are for the
 largest and the smallest ‖x‖ among all, at the same a‖x‖, which hardly depends on them. A random effect is drawn from its
@@ -46,30 +46,32 @@ class DetectionPower:
         self._correlation = linear.X.T @ linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
 
     def compute_excess(self, projection: Array, amplitude: float) -> float:
-        """The statistic that nine draws in ten pass, less the threshold; its projection Xᵀx is (p, 1) or (p, d)."""
+        """Compute the statistic that nine draws in ten exceed, less the threshold, for the projection Xᵀx, (p, 1) or (p, d)."""
         values = self.search.compute_null_statistic(self._correlation + amplitude * projection)
         return float(np.quantile(values, 1 - SETTINGS.power)) - self.threshold
 
     def size(self, x: Array, start: float) -> float:
-        """Amplitude of a signature, (N, 1) or (N, d) for each draw, that is seen in nine draws of ten; infinite if none is.
+        """Find the amplitude of a signature, (N, 1) or (N, d) for each draw, that nine draws of ten show; infinite if none is.
 
         A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
         """
         projection = self.linear.X.T @ x
-        here, value = start, self.compute_excess(projection, start)
+        amplitude, value = start, self.compute_excess(projection, start)
         low, high = 0.0, np.inf
         slope = 25.0
         for _ in range(SETTINGS.steps):
             if abs(value) < SETTINGS.near:
-                return here
-            low, high = (max(low, here), high) if value < 0 else (low, min(high, here))
-            there = here * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
-            if not low < there < high:
-                there = float(np.sqrt(low * high)) if np.isfinite(high) and low > 0 else (2 * low if low > 0 else 0.5 * high)
-            new = self.compute_excess(projection, there)
-            slope = max((new - value) / np.log(there / here), 1.0)
-            here, value = there, new
-        return here if abs(value) < 1.0 else float("inf")
+                return amplitude
+            low, high = (max(low, amplitude), high) if value < 0 else (low, min(high, amplitude))
+            next_amplitude = amplitude * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
+            if not low < next_amplitude < high:
+                next_amplitude = (
+                    float(np.sqrt(low * high)) if np.isfinite(high) and low > 0 else (2 * low if low > 0 else 0.5 * high)
+                )
+            new = self.compute_excess(projection, next_amplitude)
+            slope = max((new - value) / np.log(next_amplitude / amplitude), 1.0)
+            amplitude, value = next_amplitude, new
+        return amplitude if abs(value) < 1.0 else float("inf")
 
 
 def find_visible_size(signature: Signature, power: DetectionPower) -> Visible:
@@ -101,7 +103,7 @@ def find_visible_size(signature: Signature, power: DetectionPower) -> Visible:
 
 
 def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
-    """Effects that this scenario has not what it takes for, and those whose references are left out."""
+    """List effects that this scenario cannot have, and those whose references are left out."""
     for effect in effects:
         reason = effect.missing(model.surroundings)
         if reason is None and effect.implements("replace_references"):
@@ -111,7 +113,7 @@ def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -
 
 
 def build_visibility_row(effect: Effect, verdict: Verdict, size: float, text: str, axis: str | None = None) -> Visible:
-    """An answer of one size for every time and phase."""
+    """Build the row of an effect with one visible size for every time and phase."""
     label = effect.name if axis is None else f"{effect.name}:{axis}"
     nan = float("nan")
     return Visible(effect.name, axis, label, effect.unit, verdict, size, size, size, nan, effect.prior, text=text)

@@ -1,4 +1,4 @@
-"""The command ``gyrocal diagnose``: the misfit to the baseline simulator, its place, and the effect that explains it."""
+"""The command ``gyrocal diagnose``: where a recording departs from the baseline simulator, and which effect explains it."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -93,7 +93,7 @@ def command(
 
 
 def _select_library(without: Sequence[str]) -> list[str] | None:
-    """Select the effects that may be named; None for all."""
+    """List the effects that may be identified; None for all."""
     if not without:
         return None
     from simulator.effects.sensor import ALL_EFFECTS

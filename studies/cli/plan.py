@@ -69,21 +69,21 @@ def command(
     for name in effects:
         if name not in EFFECTS:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
-    loaded = scenarios.load(scenario)
+    chosen = scenarios.load(scenario)
 
     from diagnosis.plan.extras import list_maneuvers
     from diagnosis.plan.pipeline import plan
     from studies.report.plan import build_plan_page
 
-    extras = {} if no_extras else dict(list_maneuvers(loaded))
-    extras |= _read_extras(loaded, files)
+    extras = {} if no_extras else dict(list_maneuvers(chosen))
+    extras |= _read_extras(chosen, files)
     with show_stages("plan") as progress:
-        result = plan(loaded, effects=effects or None, extras=extras, progress=progress, seed=seed)
+        result = plan(chosen, effects=effects or None, extras=extras, progress=progress, seed=seed)
     write_result(result.to_json(), as_json, partial(build_plan_page, result), report)
 
 
-def _read_extras(scenario: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
-    """Read the extra maneuvers from files, each checked as a continuation of the scenario."""
+def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
+    """Read the extra maneuvers of files, each checked as a continuation of the scenario."""
     from diagnosis.plan.extras import append_intervals
 
     extras = {}
@@ -96,7 +96,7 @@ def _read_extras(scenario: Scenario, files: Sequence[Path]) -> dict[str, list[di
         if not isinstance(sections, list) or not sections or not all(isinstance(section, dict) for section in sections):
             raise InputError(f"{path}: no [[interval]] sections")
         try:
-            append_intervals(scenario, sections)
+            append_intervals(chosen, sections)
         except InputError as error:
             raise InputError(f"{path}: {str(error).removeprefix('override: ')}") from None
         extras[str(document.get("title", path.stem))] = sections

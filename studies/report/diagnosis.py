@@ -39,7 +39,7 @@ NOTES = (
 )
 
 
-def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = None) -> Page:
+def build_diagnosis_page(diagnosis: Diagnosis, provenance: ProvenanceFooter | None = None) -> Page:
     """Build the page of a diagnosis."""
     picture = build_budget_picture(diagnosis) if diagnosis.budget else build_residual_picture(diagnosis)
     answers = list_answers(diagnosis)
@@ -50,14 +50,14 @@ def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = N
         Section("Causes", build_cause_items(diagnosis)),
         Section("Gap budget on held-out data", build_budget_items(diagnosis)),
         Section("Calibration", build_calibration_items(diagnosis)),
-        Section("What this recording cannot show", [[one.describe() for one in diagnosis.invisible]]),
+        Section("What this recording cannot show", [[effect.describe() for effect in diagnosis.invisible]]),
         Section("Left out, since it was not measured", [[*diagnosis.masked]]),
         Section("Where the residuals do not fit", build_place_items(diagnosis)),
         Section("Sun and Earth sensors", build_sensor_items(diagnosis.sensors)),
         Section("Limits of this recording", [[*diagnosis.notes, *NOTES]]),
     ]
     title = f"Diagnosis of {diagnosis.recording}"
-    return Page(format_headline(diagnosis), [one for one in sections if any(one.items)], answer, made, title)
+    return Page(format_headline(diagnosis), [section for section in sections if any(section.items)], answer, provenance, title)
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def format_headline(diagnosis: Diagnosis) -> str:
 
 
 def describe_misfit_size(diagnosis: Diagnosis) -> str:
-    """State what the misfit adds to a held-out attitude beside the stated noise."""
+    """State the error that the misfit adds to a held-out attitude beside the stated noise."""
     size = diagnosis.misfit_size
     if size is None:
         return "The attitudes fit the stated noise; the misfit is in the gyro samples or the sensor tables alone."
@@ -104,11 +104,11 @@ def _format_answer(diagnosis: Diagnosis) -> str:
         return "No misfit: the baseline explains this recording"
     if diagnosis.verdict == "unknown":
         clauses = [_format_clause(cause) for cause in diagnosis.causes]
-        more = f"; beside it, {join_items(clauses, 'and')}" if clauses else ""
-        like = "" if diagnosis.remainder is None else _describe_likeness(diagnosis.remainder)
+        further = f"; beside it, {join_items(clauses, 'and')}" if clauses else ""
+        likeness = "" if diagnosis.remainder is None else _describe_likeness(diagnosis.remainder)
         if diagnosis.unknown_probability < DEFAULT.named:
-            return f"The cause of the misfit is unknown; it may be an effect outside the library{like}{more}"
-        return f"An effect outside the library causes the misfit{like}{more}"
+            return f"The cause of the misfit is unknown; it may be an effect outside the library{likeness}{further}"
+        return f"An effect outside the library causes the misfit{likeness}{further}"
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         return f"This recording cannot show {'the cause of its misfit' if diagnosis.present else 'whether there is a misfit'}"
     clauses = [_format_with_alternatives(cause, diagnosis) for cause in diagnosis.causes]
@@ -122,54 +122,54 @@ def _format_answer(diagnosis: Diagnosis) -> str:
     return _start_with_capital(("; and " if diagnosis.verdict == "group" else ", and ").join(clauses))
 
 
-def _describe_likeness(left: RemainderSummary) -> str:
-    """Clause that says how a misfit without a cause acts, where it is random errors of one kind alone."""
+def _describe_likeness(remainder: RemainderSummary) -> str:
+    """Describe in a clause how a misfit without a cause acts, if it is random errors of one kind alone; else empty."""
     sizes = {
-        "the gyro's rate were off by up to {:.2g} deg/h": max(left.gyro_deg_h),
-        "the reference attitudes were off by up to {:.2g} deg": max(left.reference_deg),
-        "the time tags were off by {:.2g} s": left.time_tags_s,
+        "the gyro's rate were off by up to {:.2g} deg/h": max(remainder.gyro_deg_h),
+        "the reference attitudes were off by up to {:.2g} deg": max(remainder.reference_deg),
+        "the time tags were off by {:.2g} s": remainder.time_tags_s,
     }
-    seen = [text.format(size) for text, size in sizes.items() if size > 0]
-    is_doubtful = left.side == UNDECIDED and max(left.gyro_deg_h) > 0  # the references may drift as much
-    return f", as if {seen[0]} (1 sigma)" if len(seen) == 1 and not is_doubtful else ""
+    clauses = [text.format(size) for text, size in sizes.items() if size > 0]
+    is_doubtful = remainder.side == UNDECIDED and max(remainder.gyro_deg_h) > 0  # the references may drift as much
+    return f", as if {clauses[0]} (1 sigma)" if len(clauses) == 1 and not is_doubtful else ""
 
 
 def _state_shares(diagnosis: Diagnosis) -> str:
     """State the number of causes, the share of the misfit that they remove, and the rest."""
-    left = 100 * next((step.closed or 0.0 for step in diagnosis.budget if step.step == "remainder"), 1.0)
+    unexplained = 100 * next((step.closed or 0.0 for step in diagnosis.budget if step.step == "remainder"), 1.0)
     count = len(diagnosis.causes)
     causes = f", the first of {count} causes; together they remove" if count > 1 else "; this removes"
-    return f"{causes} {max(100 - left, 0.0):.0f} % of the misfit, {left:.0f} % is not explained"
+    return f"{causes} {max(100 - unexplained, 0.0):.0f} % of the misfit, {unexplained:.0f} % is not explained"
 
 
 def _format_clause(cause: Cause) -> str:
-    """Clause that states a cause with its size."""
+    """Format a cause with its size as a clause."""
     if cause.effect not in EFFECTS:
         return f"{UNLISTED} ({cause.effect})"
     if not cause.named:
-        whose = "the gyro's rate or the reference attitudes have" if is_undecided(cause) else "the gyro's rate has"
-        whose = "the reference attitudes have" if cause.effect.startswith("reference") else whose
-        return f"{whose} an error{f' about {cause.axis}' if cause.axis else ''} that changes slowly, as random errors do"
+        subject = "the gyro's rate or the reference attitudes have" if is_undecided(cause) else "the gyro's rate has"
+        subject = "the reference attitudes have" if cause.effect.startswith("reference") else subject
+        return f"{subject} an error{f' about {cause.axis}' if cause.axis else ''} that changes slowly, as random errors do"
     return EFFECTS[cause.effect].sentence(cause.axis, cause.size, format_magnitude(cause))
 
 
-def _format_with_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
-    """Clause that states a cause with its alternatives, and hedges it where it is not certain."""
+def _format_with_alternatives(cause: Cause, diagnosis: Diagnosis, addition: str = "") -> str:
+    """Format a cause with its alternatives as a clause, hedged where it is not certain."""
     others = [_format_unsized(member, cause) for member in cause.group if member != cause.label] if cause.named else []
-    clause = f"{_format_clause(cause)}{more}"
+    clause = f"{_format_clause(cause)}{addition}"
     if diagnosis.verdict not in ("group", "partial"):
         return clause
     doubt = "" if (cause.group_probability if others else cause.probability) >= DEFAULT.named else "most likely "
     return f"{doubt}either {clause}, or {join_items(others, 'or')}" if others else f"{doubt}{clause}"
 
 
-def _format_unsized(label: str, beside: Cause | None = None) -> str:
-    """Clause that states an effect without a size, or with about that of the cause whose place it may have."""
+def _format_unsized(label: str, cause: Cause | None = None) -> str:
+    """Format an effect as a clause without a size, or with about the size of the cause that it is an alternative to."""
     name, _, axis = label.partition(":")
     if name not in EFFECTS:
         return UNLISTED
-    if beside is not None and beside.unit == EFFECTS[name].unit:
-        return EFFECTS[name].sentence(axis or None, beside.size, "about as much")
+    if cause is not None and cause.unit == EFFECTS[name].unit:
+        return EFFECTS[name].sentence(axis or None, cause.size, "about as much")
     return EFFECTS[name].sentence(axis or None, 1.0, "some amount")
 
 
@@ -178,7 +178,7 @@ def _start_with_capital(text: str) -> str:
 
 
 def format_magnitude(cause: Cause) -> str:
-    """The size without its sign to two digits, three where its sigma is below a percent, and its unit."""
+    """Format the size without its sign, to two digits or three where its sigma is below a percent, and its unit."""
     value = abs(cause.size)
     unit = "" if cause.unit == "factor" else f" {cause.unit.split(',')[0]}"
     if not math.isfinite(value) or value == 0:
@@ -197,7 +197,7 @@ def _describe_fit(diagnosis: Diagnosis) -> str:
 
 
 def _describe_causes(diagnosis: Diagnosis) -> str:
-    """The causes with their probabilities; the behaviour of an unknown one."""
+    """Describe the causes with their probabilities, and the behaviour of an unknown one."""
     clauses = [
         _start_with_capital(_format_with_alternatives(cause, diagnosis, f" (probability {format_percent(cause.probability)})"))
         for cause in diagnosis.causes
@@ -205,14 +205,14 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "None."
     if diagnosis.verdict == "unknown":
-        like = [
+        behaviours = [
             f"{' together with '.join(map(_format_behaviour, effects))} ({format_percent(share)})"
             for effects, share in diagnosis.alternatives
             if share >= LEAST_PROBABILITY and len(effects) <= MOST_TOGETHER
         ]
-        behaviour = f". It behaves most like this: {join_items(like[:MOST_BEHAVIOURS], 'or')}" if like else ""
+        behaviour = f". It behaves most like this: {join_items(behaviours[:MOST_BEHAVIOURS], 'or')}" if behaviours else ""
         clauses.insert(0, f"With a probability of {format_percent(diagnosis.unknown_probability)} {UNLISTED}{behaviour}")
-    return " ".join(f"{one}." for one in clauses) or "This recording cannot show it."
+    return " ".join(f"{clause}." for clause in clauses) or "This recording cannot show it."
 
 
 def _format_behaviour(label: str) -> str:
@@ -252,35 +252,38 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
             return "Use the calibration as it is."
         return f"Use the calibration but for {join_items(diagnosis.unobserved, 'and')}, which these motions do not show."
     if diagnosis.verdict == "unknown":
-        place = next((one.interval for one in diagnosis.where if one.interval), None)
+        place = next((finding.interval for finding in diagnosis.where if finding.interval), None)
         first = f"Compare {place} with the other intervals" if place else "Compare the intervals"
         return f"{first} (mode, temperature, sensors in use). Until it is explained, the errors of G and b exceed their sigmas."
     if not diagnosis.causes:
         return "Do not decide by this recording; make another one."
     stages = [
-        EFFECTS[one.effect].stage if one.effect in EFFECTS and not is_undecided(one) else "rate" for one in diagnosis.causes
+        EFFECTS[cause.effect].stage if cause.effect in EFFECTS and not is_undecided(cause) else "rate"
+        for cause in diagnosis.causes
     ]
     remedies = list(dict.fromkeys(part for stage in stages for part in REMEDIES[stage].split(". ")))
     if diagnosis.remainder is not None and diagnosis.remainder.share > MOST and diagnosis.remainder.side != UNDECIDED:
         remedies.insert(0, f"Look at {SIDE_NAMES[diagnosis.remainder.side]} first, the source of most of the misfit")
-    return " ".join(f"{one}." for one in remedies)
+    return " ".join(f"{remedy}." for remedy in remedies)
 
 
 def describe_closure(diagnosis: Diagnosis) -> str:
     """State the share of the misfit that the causes remove on held-out data."""
-    found = diagnosis.closure
-    left = next((step.closed for step in diagnosis.budget if step.step == "remainder"), None)
+    closure = diagnosis.closure
+    unexplained = next((step.closed for step in diagnosis.budget if step.step == "remainder"), None)
     if diagnosis.verdict == "none":
         return "There is no misfit to explain."
     if not diagnosis.causes:
         return "No cause is identified, so nothing removes the misfit."
-    if found is None and left is None:
+    if closure is None and unexplained is None:
         return "Not measured: the cause is seen in the samples alone, or too little of this recording can be held out."
-    if found is not None and found.interval_90[1] - found.interval_90[0] > WIDEST_SHARE:
+    if closure is not None and closure.interval_90[1] - closure.interval_90[0] > WIDEST_SHARE:
         return "The held-out data show too little of the misfit to measure the share that the causes remove."
-    share = found.closed if left is None and found is not None else 1.0 - (left or 0.0)
+    share = closure.closed if unexplained is None and closure is not None else 1.0 - (unexplained or 0.0)
     interval = (
-        "" if found is None else f" (90 % interval {100 * found.interval_90[0]:.0f} to {100 * found.interval_90[1]:.0f} %)"
+        ""
+        if closure is None
+        else f" (90 % interval {100 * closure.interval_90[0]:.0f} to {100 * closure.interval_90[1]:.0f} %)"
     )
     causes = "This cause removes" if len(diagnosis.causes) == 1 else f"These {len(diagnosis.causes)} causes remove"
     return f"{causes} {100 * min(max(share, 0.0), 1.0):.0f} % of the misfit on held-out data{interval}."

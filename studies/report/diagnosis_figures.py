@@ -1,4 +1,4 @@
-"""Figures of a diagnosis. Colours and markers can be distinguished with every kind of colour vision."""
+"""The figures of a diagnosis. Colours and markers are distinct for every kind of colour vision."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows noth
 
 
 def select_largest_intervals(residuals: pd.DataFrame) -> list[str]:
-    """Select at most `MOST_PANELS` intervals, those with the largest residuals before; names in their order."""
-    ratios = normalise_by_band(residuals).groupby(residuals["interval"], sort=False).max()
-    selected = set(ratios.nlargest(MOST_PANELS).index)
-    return [str(name) for name in ratios.index if name in selected]
+    """Select at most `MOST_PANELS` intervals with the largest residuals under M0; their names in the recording's order."""
+    weight = normalise_by_band(residuals).groupby(residuals["interval"], sort=False).max()
+    selected = set(weight.nlargest(MOST_PANELS).index)
+    return [str(name) for name in weight.index if name in selected]
 
 
 def is_residual_changed(residuals: pd.DataFrame) -> bool:
-    """Check whether the residuals after differ from those before."""
+    """Check whether the causes change the residuals."""
     return any(not np.allclose(residuals[f"before_{a}"], residuals[f"after_{a}"], rtol=1e-6, atol=1e-12) for a in "xyz")
 
 
 def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
-    """Compute the largest ratio of residual to band over the axes, for each row."""
+    """Compute the largest residual of each row over its band."""
     bands = residuals[[f"band_{a}" for a in "xyz"]].to_numpy()
     values = np.abs(residuals[[f"{when}_{a}" for a in "xyz"]].to_numpy())
     ratio = np.divide(values, bands, out=np.zeros_like(values), where=bands > 0)
@@ -56,28 +56,27 @@ def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Serie
 def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
     """Draw the residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
     names = select_largest_intervals(residuals)
-    panel_list = []
+    panels_ = []
     for name in names:
         part = residuals[residuals["interval"] == name]
         minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
         for axis in "xyz":
             band, before, after = (part[f"{column}_{axis}"].to_numpy() for column in ("band", "before", "after"))
-            styles = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
-            expected = Line(minutes, 0 * band, "baseline, ±2 sigma", "0.6", "-", -2 * band, 2 * band)
-            lines = [expected]
-            lines.append(Line(minutes, before, "before: the baseline's own fit", BEFORE, styles[0], size=3.2, hollow=True))
+            style = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
+            allowed = Line(minutes, 0 * band, "baseline, ±2 sigma", "0.6", "-", -2 * band, 2 * band)
+            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, style[0], size=3.2, hollow=True)]
             if is_residual_changed(residuals):
-                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, styles[1], size=3.2))
+                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, style[1], size=3.2))
             title = f"{_shorten_name(name)}: {AXIS_TITLES[axis]}"
             y = "residual (deg)" if axis == "x" else ""
             x = SINCE_FIRST if name == names[-1] else ""
-            panel_list.append(panels.make_curves(lines, title=title, x=x, y=y))
+            panels_.append(panels.make_curves(lines, title=title, x=x, y=y))
     size = (FIGURE_WIDTH_IN, 1.55 * len(names) + 0.9)
-    return panels.draw_panels(*panel_list, size=size, columns=3, sharey="col", legend="outside upper center")
+    return panels.draw_panels(*panels_, size=size, columns=3, sharey="col", legend="outside upper center")
 
 
 def _shorten_name(name: object) -> str:
-    """Shorten a name, and escape the signs of a formula in it."""
+    """Shorten a name and escape its signs of a formula."""
     return textwrap.shorten(str(name), MOST_LETTERS, placeholder="…").replace("$", r"\$") or str(name)[:MOST_LETTERS]
 
 
@@ -87,27 +86,26 @@ def _shorten_name(name: object) -> str:
 def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     """Draw the baseline's residuals against the cause's, and both over time where the cause acts most."""
     part = regressors[regressors["cause"] == cause]
-    largest_by_axis = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
-    part = part[part["axis"].isin(largest_by_axis[largest_by_axis >= REACHED * largest_by_axis.max()].index)]
+    reach = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
+    part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
     points = []
     for name, rows in part.groupby("axis"):
         style = panels.AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
         points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *style, size=3.2))
     limits = part["regressor_deg"].agg(["min", "max"])
     slope = Line(limits, limits, "slope 1: the size found", "black", "-")
-    # Right: both over time, in the interval and about the axis where the cause is largest.
-    peak = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
-    peak_rows = part[(part["interval"] == peak["interval"]) & (part["axis"] == peak["axis"])]
-    minutes = (peak_rows["t_s"] - peak_rows["t_s"].iloc[0]) / 60
-    lines = [
-        Line(minutes, peak_rows["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
-        Line(minutes, peak_rows["regressor_deg"], "the cause", "black", "-" if len(peak_rows) > 2 else "_"),
+    largest = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
+    shown = part[(part["interval"] == largest["interval"]) & (part["axis"] == largest["axis"])]
+    minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
+    traces = [
+        Line(minutes, shown["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
+        Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
     ]
     x, y = "effect of the cause at the size found (deg)", "residual of the baseline (deg)"
-    scatter_panel = panels.make_curves([*points, slope], x=x, y=y, legend="best")
-    title = f"where it is largest: {_shorten_name(peak['interval'])}, axis {peak['axis']}"
-    time_panel = panels.make_curves(lines, x=SINCE_FIRST, y="deg", title=title, legend="best")
-    return panels.draw_panels(scatter_panel, time_panel, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
+    against = panels.make_curves([*points, slope], x=x, y=y, legend="best")
+    title = f"where it is largest: {_shorten_name(largest['interval'])}, axis {largest['axis']}"
+    over_time = panels.make_curves(traces, x=SINCE_FIRST, y="deg", title=title, legend="best")
+    return panels.draw_panels(against, over_time, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
 
 
 # ---- gap budget ----------------------------------------------------------------------------------------------------------
@@ -133,14 +131,14 @@ def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
 
 
 def _make_size_panel(step: Step) -> panels.Panel:
-    """Make the panel of the sizes of a cause by part with 90 % bars, and its size over all parts as a band."""
+    """Make the panel of one cause's sizes by part with 90 % bars, and its size over all parts as a band."""
     sizes, sigmas = (np.array([getattr(part, name) for part in step.by_part]) for name in ("size", "sigma"))
     band = None if step.size is None or step.sigma is None else (step.size - step.sigma, step.size + step.sigma)
     names = [part.part for part in step.by_part]
     return panels.make_forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
 
 
-def draw_steps(axes: Axes, budget: tuple[Step, ...]) -> None:
+def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
     """Draw the steps of a budget as a waterfall."""
     explained = [step for step in budget if step.step not in ("remainder", "floor")]
     floor, last = budget[-1].misfit, explained[-1].misfit
@@ -148,15 +146,15 @@ def draw_steps(axes: Axes, budget: tuple[Step, ...]) -> None:
     spans += [(after.misfit, before.misfit, panels.BLUE) for before, after in pairwise(explained)]
     spans += [(floor, last, panels.ORANGE), (0.0, floor, panels.GREY)]
     for row, (step, (low, high, colour)) in enumerate(zip(budget, spans, strict=True)):
-        axes.barh(row, high - low, left=low, color=colour, height=0.62)
+        on.barh(row, high - low, left=low, color=colour, height=0.62)
         text = f"{step.misfit:.3g}"
         if step.step not in ("baseline", "floor"):
             text = tables.format_share(step.closed, step.interval_90)
-        axes.annotate(text, (max(high, low), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
-    axes.set_yticks(range(len(budget)), [name_step(step) for step in budget])
-    axes.invert_yaxis()
-    axes.set_xlim(0, 1.28 * max(step.misfit for step in budget))
-    axes.grid(visible=False)
+        on.annotate(text, (max(high, low), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+    on.set_yticks(range(len(budget)), [name_step(step) for step in budget])
+    on.invert_yaxis()
+    on.set_xlim(0, 1.28 * max(step.misfit for step in budget))
+    on.grid(visible=False)
 
 
 # ---- raw tables of sun sensors ----------------------------------------------------------------------------------------------
@@ -167,15 +165,15 @@ MOST_POINTS = 1500
 
 def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
     """Draw the residuals of α and β of a sun sensor over α and over β; titles are the legends of their columns."""
-    sensor_rows = residuals[residuals["sensor"] == sensor]
-    panel_list = []
+    of_sensor = residuals[residuals["sensor"] == sensor]
+    drawn = []
     for angle in ("alpha", "beta"):
-        part = sensor_rows[sensor_rows["angle"] == angle]
+        part = of_sensor[of_sensor["angle"] == angle]
         part = part.iloc[:: max(1, len(part) // MOST_POINTS)]
         for over in ("alpha", "beta"):
             x = part[f"{over}_deg"]
             lines = [Line(x, part[name], title, RESIDUAL_COLOURS[name], ".", size=2.0) for name, title in titles.items()]
             y = f"residual of {angle} (deg)" if over == "alpha" else ""
-            panel_list.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
+            drawn.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
     title = f"{sensor}, measured minus predicted"
-    return panels.draw_panels(*panel_list, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")
+    return panels.draw_panels(*drawn, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")

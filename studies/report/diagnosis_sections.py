@@ -32,7 +32,7 @@ SIDE_NAMES = {
 
 
 def is_undecided(cause: Cause) -> bool:
-    """Whether neither side is known to make a cause."""
+    """Check whether the side of a cause, gyro or references, is undecided."""
     return cause.levels is not None and cause.levels.side.name == UNDECIDED
 
 
@@ -62,13 +62,13 @@ def build_cause_items(diagnosis: Diagnosis) -> list[Item]:
 
 
 def _list_details(cause: Cause, details: Details) -> Iterator[str]:
-    """The other numbers of a cause, and whether its side is undecided."""
+    """List the parameters of a cause as phrases, and whether its side is undecided."""
     if is_undecided(cause):
         yield "gyro or references: undecided"
     for name, value in cause.parameters.items():
         if name == "toward":
-            what = "the scale factor of axis {}" if value == cause.axis else "axis {} picks up the rate about {}"
-            yield f"{what.format(cause.axis, value)} (G_{cause.axis}{value})"
+            template = "the scale factor of axis {}" if value == cause.axis else "axis {} picks up the rate about {}"
+            yield f"{template.format(cause.axis, value)} (G_{cause.axis}{value})"
         elif isinstance(value, str):
             yield PARAMETER_WORDS.get(name, f"{name.replace('_', ' ')} {{}}").format(GAP_WORDS.get(value, value))
         else:
@@ -112,8 +112,8 @@ def _locate_interval(t_s: float, details: Details) -> str:
     after = spans[spans["min"] > t_s]
     if len(inside):
         # The first residual may be of a mean of references, which is not where the interval starts.
-        own = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
-        first = float(own.min()) if len(own) else 0.0
+        starts_s = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
+        first = float(starts_s.min()) if len(starts_s) else 0.0
         return f", in {inside.index[0]}, {tables.format_duration(t_s - inside['min'].iloc[0] + first)} after its start"
     return f", between {before.index[-1]} and {after.index[0]}" if len(before) and len(after) else ""
 
@@ -134,7 +134,7 @@ def _build_regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
 
 def build_budget_items(diagnosis: Diagnosis) -> list[Item]:
     """Build the table of the gap budget, and the sentences on the remainder."""
-    budget, found = diagnosis.budget, diagnosis.closure
+    budget, closure = diagnosis.budget, diagnosis.closure
     if budget:
         rows = [
             {
@@ -145,13 +145,13 @@ def build_budget_items(diagnosis: Diagnosis) -> list[Item]:
             }
             for step in budget
         ]
-    elif found is not None:
-        rows = [{"step": name, "misfit": getattr(found, name)} for name in ("before", "after", "floor")]
+    elif closure is not None:
+        rows = [{"step": name, "misfit": getattr(closure, name)} for name in ("before", "after", "floor")]
     else:
         return []
     note = "Held-out whitened mean square; stated noise alone has the floor. Shares with 90 % intervals."
-    left = [] if diagnosis.remainder is None else list(describe_remainder(diagnosis.remainder))
-    return [PageTable(pd.DataFrame(rows), label="Gap budget on held-out data", note=note), left]
+    sentences = [] if diagnosis.remainder is None else list(describe_remainder(diagnosis.remainder))
+    return [PageTable(pd.DataFrame(rows), label="Gap budget on held-out data", note=note), sentences]
 
 
 def _describe_agreement(step: Step) -> str:
@@ -165,33 +165,34 @@ def _describe_agreement(step: Step) -> str:
     return f"{scatter}, {format_p_value(step.heterogeneity_p)}, mean {step.size:.3g} {step.unit}{ramp}"
 
 
-def describe_remainder(left: RemainderSummary) -> Iterator[str]:
+def describe_remainder(remainder: RemainderSummary) -> Iterator[str]:
     """Describe the remainder: share, side, size, time scale, and the regressors that it follows."""
-    yield f"No identified cause explains {tables.format_share(left.share, left.interval_90)} of the misfit."
-    yield _describe_side(left)
-    for one in left.regressors:
-        behaviour, _, axis = one.name.partition(":")
-        what = f"{behaviour}{f', axis {axis}' if axis else ''}"
-        yield f"A part of it: {what} ({format_p_value(one.p_value)}; closes {100 * one.share:.0f} % of the held-out misfit)."
+    yield f"No identified cause explains {tables.format_share(remainder.share, remainder.interval_90)} of the misfit."
+    yield _describe_side(remainder)
+    for regressor in remainder.regressors:
+        behaviour, _, axis = regressor.name.partition(":")
+        name = f"{behaviour}, axis {axis}" if axis else behaviour
+        test = f"{format_p_value(regressor.p_value)}; closes {100 * regressor.share:.0f} % of the held-out misfit"
+        yield f"A part of it: {name} ({test})."
 
 
-def _describe_side(left: RemainderSummary) -> str:
+def _describe_side(remainder: RemainderSummary) -> str:
     side = "The side of the remainder is undecided"
-    if left.side != UNDECIDED:
-        lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
-        side = f"Most of the remainder is in {SIDE_NAMES[left.side]}{lasting}"
-    return f"{side}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(left)}."
+    if remainder.side != UNDECIDED:
+        lasting = f", with a correlation time of about {remainder.time_scale_s:.2g} s" if remainder.time_scale_s > 0 else ""
+        side = f"Most of the remainder is in {SIDE_NAMES[remainder.side]}{lasting}"
+    return f"{side}. Sizes (1 sigma, x, y, z): {list_remainder_sizes(remainder)}."
 
 
-def list_remainder_sizes(left: RemainderSummary) -> str:
+def list_remainder_sizes(remainder: RemainderSummary) -> str:
     """List the sizes of a remainder, 1 sigma about x, y and z."""
     sizes = []
-    for values, unit in ((left.gyro_deg_h, "deg/h of gyro rate"), (left.reference_deg, "deg of reference attitude")):
+    for values, unit in ((remainder.gyro_deg_h, "deg/h of gyro rate"), (remainder.reference_deg, "deg of reference attitude")):
         if any(values):
-            numbers = (np.format_float_positional(one, precision=2, fractional=False, trim="-") for one in values)
+            numbers = (np.format_float_positional(value, precision=2, fractional=False, trim="-") for value in values)
             sizes.append(f"{', '.join(numbers)} {unit}")
-    if left.time_tags_s > 0:
-        sizes.append(f"{left.time_tags_s:.2g} s of time tags")
+    if remainder.time_tags_s > 0:
+        sizes.append(f"{remainder.time_tags_s:.2g} s of time tags")
     return "; ".join(sizes) or "none"
 
 
@@ -208,7 +209,7 @@ def build_budget_picture(diagnosis: Diagnosis) -> Picture:
 
 
 def build_calibration_items(diagnosis: Diagnosis) -> list[Item]:
-    """Parameters of the baseline and with the causes: values of G without unit, all else in ppm and deg/h."""
+    """Build the table of parameters of the baseline and with the causes: G without unit, all else in ppm and deg/h."""
     scale = np.append(np.ones(9), PPM_DEG_H[9:])
     pairs = (
         (diagnosis.baseline_G, diagnosis.baseline_bias),
@@ -217,23 +218,23 @@ def build_calibration_items(diagnosis: Diagnosis) -> list[Item]:
     )
     before, after, sigma = (np.append(G.ravel(), bias) * scale for G, bias in pairs)
     change = after - before
-    moved = np.divide(change, sigma, out=np.full(len(NAMES), math.nan), where=(sigma > 0) & (sigma < math.inf))
+    change_sigmas = np.divide(change, sigma, out=np.full(len(NAMES), math.nan), where=(sigma > 0) & (sigma < math.inf))
     is_changed = bool(diagnosis.causes) and bool((np.abs(change) > UNCHANGED_SIGMAS * sigma).any())
-    own_scale = PPM_DEG_H / scale
+    unit_scale = PPM_DEG_H / scale
     columns: dict[str, Any] = {"parameter": NAMES, "baseline": map(tables.format_to_sigma, before, sigma)}
     if is_changed:
         columns |= {
             "with causes": map(tables.format_to_sigma, after, sigma),
-            "change": map(_remove_zero_sign, map(tables.format_to_sigma, change * own_scale, sigma * own_scale)),
+            "change": map(_remove_zero_sign, map(tables.format_to_sigma, change * unit_scale, sigma * unit_scale)),
         }
-    columns |= {"sigma": map(tables.format_to_sigma, sigma * own_scale, sigma * own_scale), "unit": PPM_DEG_H_NAMES}
+    columns |= {"sigma": map(tables.format_to_sigma, sigma * unit_scale, sigma * unit_scale), "unit": PPM_DEG_H_NAMES}
     if is_changed:
         columns["change in sigma"] = [
-            _remove_zero_sign(f"{one:+.1f}") if math.isfinite(one) else tables.NO_VALUE for one in moved
+            _remove_zero_sign(f"{sigmas:+.1f}") if math.isfinite(sigmas) else tables.NO_VALUE for sigmas in change_sigmas
         ]
-    strong = list(is_changed & (np.abs(moved.round(1)) > 3))
+    strong = list(is_changed & (np.abs(change_sigmas.round(1)) > 3))
     note = "ω = G ω_raw + b. Values of G have no unit, those of b are in deg/h; change and sigma are in the unit shown."
-    count = int((np.abs(moved.round(1)) > 1).sum()) if is_changed else None
+    count = int((np.abs(change_sigmas.round(1)) > 1).sum()) if is_changed else None
     return [_describe_calibration_change(diagnosis, count), PageTable(pd.DataFrame(columns), strong, "Calibration", note)]
 
 
@@ -247,27 +248,27 @@ def _describe_calibration_change(diagnosis: Diagnosis, moved: int | None) -> str
         if not diagnosis.present:
             return "The calibration is that of the baseline."
         return "No cause is in the model, and the misfit may have moved G and b by many sigmas. Do not trust the sigmas."
-    beside = " The unknown effect is not in the model. Do not trust the sigmas." if diagnosis.verdict == "unknown" else ""
+    warning = " The unknown effect is not in the model. Do not trust the sigmas." if diagnosis.verdict == "unknown" else ""
     if moved is None:
-        return f"The causes change nothing in the calibration.{beside}"
-    return f"With the causes in the model {moved} of {len(NAMES)} parameters move by more than a sigma.{beside}"
+        return f"The causes change nothing in the calibration.{warning}"
+    return f"With the causes in the model {moved} of {len(NAMES)} parameters move by more than a sigma.{warning}"
 
 
 # ---- where the residuals do not fit --------------------------------------------------------------------------------------
 
 
 def build_place_items(diagnosis: Diagnosis) -> list[Item]:
-    """Build the list of findings, and the picture of the residuals where another one is beside the answer."""
-    found = [f"{one.signal}: {one.text} ({format_p_value(one.p_value)})" for one in diagnosis.where]
-    items: list[Item] = [found[:MOST_FINDINGS]] if found else []
-    if len(found) > MOST_FINDINGS:
-        items.append(f"And {len(found) - MOST_FINDINGS} more, in the JSON result.")
+    """Build the list of findings, and the picture of the residuals if the answer shows the gap budget instead."""
+    findings = [f"{finding.signal}: {finding.text} ({format_p_value(finding.p_value)})" for finding in diagnosis.where]
+    items: list[Item] = [findings[:MOST_FINDINGS]] if findings else []
+    if len(findings) > MOST_FINDINGS:
+        items.append(f"And {len(findings) - MOST_FINDINGS} more, in the JSON result.")
     picture = build_residual_picture(diagnosis) if diagnosis.budget else None
     return [*items, picture] if picture else items
 
 
 def build_residual_picture(diagnosis: Diagnosis) -> Picture | None:
-    """Residuals before and after with the baseline's band; none if no reference was compared."""
+    """Build the picture of residuals before and after with the baseline's band; None if no reference was compared."""
     residuals = diagnosis.details.residuals
     if residuals.empty:
         return None
@@ -294,10 +295,10 @@ def build_sensor_items(sensors: SensorDiagnosis | None) -> list[Item]:
     items: list[Item] = [_describe_sensor_verdict(sensors), *map(_describe_rejected, sensors.rejected)]
     titles = {"before_deg": "nominal sensors"} | ({"after_deg": "with the causes"} if sensors.causes else {})
     for name in ("DSS-1", "DSS-2"):
-        own = sensors.residuals[sensors.residuals["sensor"] == name]
-        if own.empty:
+        residuals = sensors.residuals[sensors.residuals["sensor"] == name]
+        if residuals.empty:
             continue
-        rms = [f"{np.sqrt(np.nanmean(own[key] ** 2)):.3g} deg RMS, {title}" for key, title in titles.items()]
+        rms = [f"{np.sqrt(np.nanmean(residuals[key] ** 2)):.3g} deg RMS, {title}" for key, title in titles.items()]
         items.append(
             Picture(
                 f"sensor-{name.lower()}",
@@ -320,10 +321,10 @@ def _describe_sensor_verdict(sensors: SensorDiagnosis) -> str:
     return f"The sun or Earth sensors do not fit the nominal ones ({fit})."
 
 
-def _describe_rejected(other: RejectedExplanation) -> str:
+def _describe_rejected(rejected: RejectedExplanation) -> str:
     return (
         "An alignment calibration, which takes the two heads of a sun sensor for orthogonal, would find "
-        f"{join_items(list(other.effects), 'and')} instead. That does not explain the data: they are less likely by a factor "
-        f"of e^{other.log_bayes_factor:.0f}, and on held-out days the mean square falls only from {other.before:.3f} to "
-        f"{other.after:.3f} ({format_p_value(other.p_value)})."
+        f"{join_items(list(rejected.effects), 'and')} instead. That does not explain the data: they are less likely by a "
+        f"factor of e^{rejected.log_bayes_factor:.0f}, and on held-out days the mean square falls only from "
+        f"{rejected.before:.3f} to {rejected.after:.3f} ({format_p_value(rejected.p_value)})."
     )

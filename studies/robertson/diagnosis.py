@@ -23,7 +23,7 @@ from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, read_first_amplitude
-from diagnosis.posterior import Attribution, rank_all
+from diagnosis.posterior import Attribution, rank_without_naming
 from diagnosis.settings import DEFAULT
 from gyrocal.arrays import Array
 from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations
@@ -86,7 +86,7 @@ def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
     fitted = tuple(fit(model, members)) if members else ()
     listed = [effect for effect in fitted if not effect.effect.startswith(UNKNOWN_NAME)]
     closed = compute_closure(model, members) if listed else None
-    return PerformanceDiagnosis(rank_all(model, explanations), fitted, closed)
+    return PerformanceDiagnosis(rank_without_naming(model, explanations), fitted, closed)
 
 
 def build_performance_model(windows: Windows) -> LinearModel:

@@ -178,7 +178,7 @@ def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row
 def _build_truth_row(truth: str, effects: Sequence[Setting], explained: ExplainedTables) -> dict[str, object]:
     """Build the row of a diagnosis under a truth: verdict, misfits, evidence, and fitted amplitudes with sigmas."""
     true = {setting.label() for setting in effects}
-    inference = explained.found
+    inference = explained.inference
     attribution = inference.attribution
     named = {effect.label for effect in inference.fitted}
     orthogonal_explanation = Search(explained.scaled_model).find_explanation(ORTHOGONAL)

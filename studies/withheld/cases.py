@@ -1,4 +1,4 @@
-"""A case of ``gyrocal study withheld``: it is drawn by the entropy and its number, diagnosed, and both stand in its row."""
+"""A case of ``gyrocal study withheld``: drawn by the entropy and its number, diagnosed, and tabulated as a row."""
 
 import json
 import time
@@ -20,7 +20,7 @@ from studies.withheld.judgement import decide_outcome, judge_causes, list_size_e
 
 
 class WithheldConfig(StudyConfig):
-    """What is drawn, and the table of another run that the report compares."""
+    """Configuration: the cases to draw, and the table of another run that the report compares."""
 
     cases: int = 400
     entropy: int = 20261128
@@ -28,57 +28,58 @@ class WithheldConfig(StudyConfig):
 
 
 def make_recording(config: WithheldConfig, number: int, streams: Streams) -> Recording:
-    """The recording of a case."""
+    """Simulate the recording of a case."""
     drawn = draw_case(config.entropy, number)
     return drawn.world.record(drawn.settings)
 
 
 def run_case(config: WithheldConfig, number: int, streams: Streams) -> dict[str, Any]:
-    """Draw a case, diagnose its recording, and put both beside each other."""
-    begun = time.process_time()
+    """Draw a case, diagnose its recording, and return the row of both."""
+    begun_s = time.process_time()
     drawn = draw_case(config.entropy, number)
     recording = drawn.world.record(drawn.settings)
-    made = time.process_time()
+    made_s = time.process_time()
     reset_peak_memory()
     answer = diagnose(recording, library=drawn.allowed_names)
-    cost = {"make_s": made - begun, "diagnose_s": time.process_time() - made, "peak_mb": read_peak_memory_mb()}
+    cost = {"make_s": made_s - begun_s, "diagnose_s": time.process_time() - made_s, "peak_mb": read_peak_memory_mb()}
     return describe_case(drawn) | describe_answer(drawn, answer) | cost
 
 
 def describe_case(drawn: DrawnCase) -> dict[str, Any]:
-    """What was put in: columns of a row."""
+    """Describe the simulated effects, plan and gyro: columns of a row."""
     plain, truth = drawn.world.plan.plain, []
-    for one in drawn.effects:
-        described = {"effect": one.setting.effect, "axis": one.setting.axis, "size": one.setting.size}
-        ratios = {"snr_attitude": one.attitude, "snr_samples": one.samples, "snr": one.snr}
-        listed = one.setting.effect in (EFFECTS if drawn.allowed_names is None else drawn.allowed_names)
-        truth.append(described | {"parameters": dict(one.setting.parameters), "listed": listed} | ratios)
+    for effect in drawn.effects:
+        setting = effect.setting
+        described = {"effect": setting.effect, "axis": setting.axis, "size": setting.size}
+        ratios = {"snr_attitude": effect.attitude, "snr_samples": effect.samples, "snr": effect.snr}
+        listed = setting.effect in (EFFECTS if drawn.allowed_names is None else drawn.allowed_names)
+        truth.append(described | {"parameters": dict(setting.parameters), "listed": listed} | ratios)
     return {
         "kind": drawn.kind,
         "plan": drawn.world.plan.kind,
         "grade": drawn.world.plan.grade,
         "samples": len(plain.gyro.t_s),
         "references": len(plain.attitudes.t_s),
-        "effects": " + ".join(one.label() for one in drawn.settings),
-        "snr": min((one.snr for one in drawn.effects), default=np.nan),
-        "snr_attitude": min((one.attitude for one in drawn.effects), default=np.nan),
-        "snr_samples": min((one.samples for one in drawn.effects), default=np.nan),
+        "effects": " + ".join(setting.label() for setting in drawn.settings),
+        "snr": min((effect.snr for effect in drawn.effects), default=np.nan),
+        "snr_attitude": min((effect.attitude for effect in drawn.effects), default=np.nan),
+        "snr_samples": min((effect.samples for effect in drawn.effects), default=np.nan),
         "truth": json.dumps(convert_to_plain(truth)),
     }
 
 
 def describe_answer(drawn: DrawnCase, diagnosis: Diagnosis) -> dict[str, Any]:
-    """What was answered, and what it is worth: columns of a row."""
+    """Describe the answer and judge it: columns of a row."""
     answer = diagnosis.to_json()
     verdict, causes = answer["verdict"], answer["causes"]
     present = bool(answer["gap"]["present"])
     judged = judge_causes(drawn, causes)
     closure = answer.get("closure") or {}
     low, high = closure.get("interval_90") or (np.nan, np.nan)
-    hits = {hit for one in judged for hit in one["hits"]}
+    hits = {hit for cause in judged for hit in cause["hits"]}
     return {
         "verdict": verdict,
-        "said": " + ".join(one["cause"] for one in judged),
+        "said": " + ".join(cause["cause"] for cause in judged),
         "outcome": decide_outcome(drawn.kind, present, len(drawn.effects), judged, verdict),
         "found": sum(drawn.effects[hit].setting.effect in EFFECTS for hit in hits),
         "statements": json.dumps(convert_to_plain(judged)),

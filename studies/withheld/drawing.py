@@ -1,10 +1,10 @@
-"""The drawing of a case: its kind, its plan, and its effects, each as strong as its drawn signal-to-noise ratio.
+"""Draw a case: its kind, its plan, and its effects, each as strong as its drawn signal-to-noise ratio.
 
 The kinds come in shuffled blocks with exact shares (`MIX`): no effect, one listed effect, two, one **withheld** (listed, but
-the library is not told of it), one that was never listed (**unlisted**), and **mixed** ones, one to three listed effects beside
-an unlisted one. Sizes are log-uniform in the signal-to-noise ratio (`studies.withheld.snr`), the root of the sum of the squares
-of that in the attitude and that in the samples. A plan that does not determine G, or that an effect has nothing to act on, is
-drawn again.
+excluded from the diagnosis), one that was never listed (**unlisted**), and **mixed** ones, one to three listed effects and an
+unlisted one. Sizes are log-uniform in the signal-to-noise ratio (`studies.withheld.snr`), the root of the sum of the squares
+of that in the attitude and that in the samples. A plan that does not determine G, or in which an effect cannot act, is drawn
+again.
 """
 
 from collections.abc import Callable, Iterable
@@ -44,7 +44,7 @@ class Placed(NamedTuple):
 
     @property
     def snr(self) -> float:
-        """Both together."""
+        """Signal-to-noise ratio in attitude and samples together."""
         return float(np.hypot(self.attitude, self.samples))
 
 
@@ -57,8 +57,8 @@ class DrawnCase(NamedTuple):
 
     @property
     def settings(self) -> list[Setting]:
-        """The effects without their ratios."""
-        return [one.setting for one in self.effects]
+        """Settings of the effects, without their ratios."""
+        return [effect.setting for effect in self.effects]
 
     @property
     def allowed_names(self) -> list[str] | None:
@@ -70,9 +70,9 @@ class DrawnCase(NamedTuple):
 
 
 def list_effects_with_symptom_of(name: str) -> list[str]:
-    """List the effects that no recording distinguishes from the given one, since they have its symptom; itself included."""
+    """List the effects with the symptom of a given one, itself included; no recording distinguishes these."""
     symptom = EFFECTS[name].symptom
-    return [other for other, effect in EFFECTS.items() if other == name or (symptom and effect.symptom == symptom)]
+    return [candidate for candidate, effect in EFFECTS.items() if candidate == name or (symptom and effect.symptom == symptom)]
 
 
 def draw_kind(entropy: int, case: int) -> str:
@@ -82,7 +82,7 @@ def draw_kind(entropy: int, case: int) -> str:
 
 
 def draw_case(entropy: int, case: int) -> DrawnCase:
-    """Draw a case; an `InputError` if no plan of many will do."""
+    """Draw a case; raises an `InputError` if none of `MOST_PLANS` plans shows its effects."""
     kind = draw_kind(entropy, case)
     for attempt in range(MOST_PLANS):
         try:
@@ -90,7 +90,7 @@ def draw_case(entropy: int, case: int) -> DrawnCase:
         except InputError:  # such as an interval with one reference
             continue
         world = World(entropy, case, attempt, plan, ResidualModel(plan))
-        if world.model.model_error < DESCRIBED and world.model.taken_up[1][:9].max() < DETERMINED:
+        if world.model.model_error < DESCRIBED and world.model.parameter_basis[1][:9].max() < DETERMINED:
             effects = _place_effects(world, kind)
             if effects is not None:
                 return DrawnCase(kind, world, tuple(effects))
@@ -98,30 +98,31 @@ def draw_case(entropy: int, case: int) -> DrawnCase:
 
 
 def _place_effects(world: World, kind: str) -> list[Placed] | None:
-    """The effects of a kind of case; None where too few can act."""
-    few = int(world.rng("count").integers(1, MOST_LISTED, endpoint=True))
-    listed = {"single": 1, "pair": 2, "withheld": 1, "mixed": few}.get(kind, 0)
-    found: list[Placed] = []
+    """Draw the effects of a kind of case; None where too few can act."""
+    mixed_count = int(world.rng("count").integers(1, MOST_LISTED, endpoint=True))
+    listed = {"single": 1, "pair": 2, "withheld": 1, "mixed": mixed_count}.get(kind, 0)
+    placed_effects: list[Placed] = []
     for names, wanted in ((list(LISTED), listed), (list(FAMILIES), listed + (kind in ("unlisted", "mixed")))):
         for name in sorted(names, key=lambda name: float(world.rng(f"lot:{name}").random())):
-            if len(found) == wanted:
+            if len(placed_effects) == wanted:
                 break
             placed = place_effect(world, name)
-            if placed is not None and _is_distinct(world, placed, found):
-                found.append(placed)
-        if len(found) < wanted:
+            if placed is not None and _is_distinct(world, placed, placed_effects):
+                placed_effects.append(placed)
+        if len(placed_effects) < wanted:
             return None
-    return found
+    return placed_effects
 
 
 def _is_distinct(world: World, placed: Placed, others: Iterable[Placed]) -> bool:
-    own = world.respond(world.change(placed.setting))
+    """Check whether the response of an effect differs in shape from those of others."""
+    a = world.respond(world.change(placed.setting))
     responses = [world.respond(world.change(other.setting)) for other in others]
-    return all(abs(own @ one) < ALIKE * np.linalg.norm(own) * np.linalg.norm(one) for one in responses)
+    return all(abs(a @ b) < ALIKE * np.linalg.norm(a) * np.linalg.norm(b) for b in responses)
 
 
 def place_effect(world: World, name: str) -> Placed | None:
-    """Draw the numbers of an effect, and its size so that it shows as strongly as is drawn; None where it cannot act so."""
+    """Draw the numbers of an effect and solve for the size of a drawn signal-to-noise ratio; None where there is none."""
     effect, rng = find_effect(name), world.rng(f"draw:{name}")
     if effect.missing(world.around) is not None:
         return None
@@ -138,7 +139,7 @@ def place_effect(world: World, name: str) -> Placed | None:
         if log_size is None:
             return None
         placed = Placed(build(log_size), *world.measure(world.list_changes(build(log_size))))
-    except InputError:  # with these numbers it does nothing here
+    except InputError:  # with these numbers it has no effect in this plan
         return None
     return placed if abs(np.log(placed.snr / target)) < SNR_TOLERANCE else None
 
@@ -151,15 +152,15 @@ def draw_parameters(name: str, rng: np.random.Generator, around: Surroundings) -
 
 
 def build_setting(name: str, axis: str | None, size: float, parameters: dict[str, Value]) -> Setting:
-    """Build the setting of an effect, its size as its amplitudes state it."""
+    """Build the setting of an effect with size and phase in the form that its amplitudes have."""
     if name not in EFFECTS:
         return Setting(name, axis, size, parameters)
     effect = EFFECTS[name]
-    made = effect.completed(setting(name, axis, size, parameters))
+    drawn = effect.completed(setting(name, axis, size, parameters))
     if not effect.has_columns:
-        return made
-    size, held = effect.from_amplitudes(effect.amplitudes(made))  # a phase holds the sign
-    return replace(made, size=size, parameters={**made.parameters, **held})
+        return drawn
+    size, fitted = effect.from_amplitudes(effect.amplitudes(drawn))  # a phase holds the sign
+    return replace(drawn, size=size, parameters={**drawn.parameters, **fitted})
 
 
 def solve_log_size(world: World, effect: Effect, build: Callable[[float], Setting], target: float) -> float | None:
@@ -168,7 +169,7 @@ def solve_log_size(world: World, effect: Effect, build: Callable[[float], Settin
     unit = world.list_changes(build(np.log(low))) if effect.stage in LINEAR else []
 
     def compare(log_size: float) -> float:
-        changes = [one.scale(float(np.exp(log_size)) / low) for one in unit] or world.list_changes(build(log_size))
+        changes = [change.scale(float(np.exp(log_size)) / low) for change in unit] or world.list_changes(build(log_size))
         return float(np.log(max(np.hypot(*world.measure(changes)), 1e-3) / target))
 
     ends = np.log(low), np.log(high)

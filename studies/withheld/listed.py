@@ -1,4 +1,4 @@
-"""Effects of the list that cases draw, and the numbers that each is drawn with."""
+"""Effects of the library that cases draw, and the distributions of their parameters."""
 
 from collections.abc import Callable
 
@@ -13,12 +13,12 @@ Draw = Callable[[np.random.Generator, Surroundings], Value]
 
 
 def draw_phase(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A phase, deg."""
+    """Draw a phase, deg."""
     return float(rng.uniform(-180.0, 180.0))
 
 
 def draw_time(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Time of a step, s: inside an interval, or in three of ten the middle of a gap."""
+    """Draw the time of a step, s: inside an interval, or in three of ten cases the middle of a gap."""
     stream = around.stream
     begin, end = np.array([stream.t_s[[part.start, part.stop - 1]] for part in stream.intervals]).T
     if rng.random() < 0.7 or len(begin) == 1:
@@ -29,7 +29,7 @@ def draw_time(rng: np.random.Generator, around: Surroundings) -> Value:
 
 
 def draw_over_arc(spacings: float, arcs: float) -> Draw:
-    """A time from some spacings of the references to a share of the longest interval, s."""
+    """Build a draw of a time from some spacings of the references to a share of the longest interval, s."""
 
     def draw(rng: np.random.Generator, around: Surroundings) -> Value:
         spacing, arc = measure_reference_arc(around)
@@ -39,12 +39,12 @@ def draw_over_arc(spacings: float, arcs: float) -> Draw:
 
 
 def choose(*words: str) -> Draw:
-    """One of some words."""
+    """Build a draw of one of some words."""
     return lambda rng, around: str(rng.choice(words))
 
 
 def between(low: float, high: float) -> Draw:
-    """A number uniform in its logarithm."""
+    """Build a draw of a number uniform in its logarithm."""
     return lambda rng, around: log_uniform(rng, low, high)
 
 

@@ -1,6 +1,6 @@
-"""Plans of spacecraft, of rate tables, and of what is held by hand: motion, sampling, gyro and references.
+"""Draw plans of spacecraft, rate tables and hand-held sensors: motion, sampling, gyro and references.
 
-The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample shows its mean.
+The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample is the mean rate.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import convert_to_quaternion, turn_frame
 
 MOST_SAMPLES, MOST_REFERENCES = 60_000, 2500
-SAME_S = 1e-6  # times closer than this are one
+SAME_S = 1e-6  # times closer than this are merged
 APRIORI_DEG = 3.0  # attitude error that the a-priori calibration may build up within an interval
 WARM_SHARE = 0.4  # of the recordings that have a gyro temperature
 REST_S = 20.0  # before and after a turn
@@ -60,20 +60,20 @@ GRADES = {
 
 
 class Stretch(NamedTuple):
-    """What happens in an interval."""
+    """Motion of an interval."""
 
     rate: Rate
-    turns: Sequence[Slew] = ()  # in the rate
-    breaks: Sequence[float] = ()  # further times where it is not smooth, s
-    begin: Array | None = None  # (4,) attitude, of what points to the Earth
-    mode: str | None = None  # body axis along the velocity, of what points to the Earth
+    turns: Sequence[Slew] = ()  # included in the rate
+    breaks: Sequence[float] = ()  # further times where the rate is not smooth, s
+    begin: Array | None = None  # (4,) start attitude, if it points to the Earth
+    mode: str | None = None  # body axis along the velocity, if it points to the Earth
 
 
 class Lot(NamedTuple):
-    """What the motion of an interval is drawn from."""
+    """Random generators and ranges of an interval's motion."""
 
     rng: np.random.Generator  # of the interval
-    craft: np.random.Generator  # begins anew in every interval: what is drawn from it first is the craft's own
+    craft: np.random.Generator  # restarts in every interval: its first draws are the same in all, properties of the craft
     peaks: Span  # peak rates, deg/s
     length_s: float  # of the interval
     start_s: float  # since the epoch
@@ -82,11 +82,11 @@ class Lot(NamedTuple):
     orbit: CircularOrbit
 
     def peak(self) -> float:
-        """A rate, rad/s."""
+        """Draw a peak rate, rad/s."""
         return float(np.deg2rad(log_uniform(self.rng, *self.peaks)))
 
     def slews(self, most: int) -> list[Slew]:
-        """Turns about near the axes of the frame one after another; the first three stretches have one at least."""
+        """Draw up to `most` turns about nearly the frame's axes in sequence; the first three intervals have at least one."""
         least = 0 if self.number > 2 else 1
         edges = np.linspace(0, self.length_s, int(self.rng.integers(least, most + 1)) + 1)
         out = []
@@ -102,22 +102,22 @@ class Lot(NamedTuple):
 
 
 def add_turns(turns: Sequence[Slew], tau: Array) -> Array:
-    """Body rate of turns about their axes, (n, 3) rad/s."""
-    return np.asarray(sum((one.rates(tau)[:, None] * one.axis for one in turns), np.zeros((len(tau), 3))))
+    """Add up the body rates of turns about their axes, (n, 3) rad/s."""
+    return np.asarray(sum((turn.rates(tau)[:, None] * turn.axis for turn in turns), np.zeros((len(tau), 3))))
 
 
 # ---- spacecraft ------------------------------------------------------------------------------------------------------------
 
 
 def draw_slews(lot: Lot, most: int = 3) -> Stretch:
-    """Rests at a small constant rate, and turns."""
+    """Draw rests at a small constant rate, and turns."""
     turns = lot.slews(most)
-    rest = np.deg2rad(log_uniform(lot.rng, 1e-4, 2e-2)) * lot.rng.standard_normal(3) * (lot.rng.random() < 0.6)
-    return Stretch(lambda tau: rest + add_turns(turns, tau), turns)
+    drift = np.deg2rad(log_uniform(lot.rng, 1e-4, 2e-2)) * lot.rng.standard_normal(3) * (lot.rng.random() < 0.6)
+    return Stretch(lambda tau: drift + add_turns(turns, tau), turns)
 
 
 def draw_earth_pointing(lot: Lot) -> Stretch:
-    """Pointing to the Earth in one of four modes between turns, with the sway of the attitude control."""
+    """Draw pointing to the Earth in one of four modes between turns, with the sway of the attitude control."""
     period = np.array([log_uniform(lot.rng, 100.0, 500.0) for _ in range(3)])
     sway = Sway(np.deg2rad(lot.rng.uniform(0.002, 0.05, 3)), period, lot.rng.uniform(0, 2 * np.pi, 3))
     mode, turns = str(lot.rng.choice(list(MODE_YAW))), tuple(lot.slews(3))
@@ -126,51 +126,51 @@ def draw_earth_pointing(lot: Lot) -> Stretch:
 
 
 def draw_tumble(lot: Lot) -> Stretch:
-    """A tumble ω = R(e, λt) w + λ e."""
+    """Draw a tumble ω = R(e, λt) w + λ e."""
     axis, peak = lot.frame[:, int(lot.rng.integers(3))], lot.peak()
     spin, w = float(peak * lot.rng.uniform(-1, 1)), peak * lot.rng.standard_normal(3)
     return Stretch(lambda tau: turn_frame(axis, spin * tau, w) + spin * axis)
 
 
 def draw_spinner(lot: Lot) -> Stretch:
-    """A spin with a damped nutation that a thruster's pulse starts anew, and in some intervals another spin rate."""
+    """Draw a spin with a damped nutation, which a pulse of a thruster excites again and which may also change the spin."""
     ratio = lot.craft.choice([lot.craft.uniform(0.3, 0.8), lot.craft.uniform(1.2, 1.9)])
     spin, cone = np.deg2rad(log_uniform(lot.craft, *lot.peaks)), np.deg2rad(log_uniform(lot.craft, 2.0, 15.0))
-    kick, phases, damping = lot.rng.uniform(0.3, 0.7) * lot.length_s, lot.rng.uniform(0, 6.28, 2), lot.rng.uniform(0.3, 3)
-    press, change = 1.5 / spin, float(lot.rng.uniform(-0.5, 0.5)) * (lot.rng.random() < 0.5)
+    fire_s, phases, damping = lot.rng.uniform(0.3, 0.7) * lot.length_s, lot.rng.uniform(0, 6.28, 2), lot.rng.uniform(0.3, 3)
+    pulse_s, change = 1.5 / spin, float(lot.rng.uniform(-0.5, 0.5)) * (lot.rng.random() < 0.5)
     e, u, v = lot.frame.T
 
     def rate(tau: Array) -> Array:
-        s = spin * (1 + change * smoothstep((tau - kick) / (0.2 * lot.length_s)))
-        nod = np.exp(1j * phases[0] - tau / (damping * lot.length_s))
-        again = np.exp(1j * phases[1] - np.maximum(tau - kick, 0) / (damping * lot.length_s))
-        nod = nod + smoothstep((tau - kick) / press) * again
-        nod *= 0.5 * spin * ratio * np.tan(cone) * np.exp(1j * (ratio - 1) * spin * tau)
-        return np.asarray(s[:, None] * e + nod.real[:, None] * u + nod.imag[:, None] * v)
+        s = spin * (1 + change * smoothstep((tau - fire_s) / (0.2 * lot.length_s)))
+        nutation = np.exp(1j * phases[0] - tau / (damping * lot.length_s))
+        excited = np.exp(1j * phases[1] - np.maximum(tau - fire_s, 0) / (damping * lot.length_s))
+        nutation = nutation + smoothstep((tau - fire_s) / pulse_s) * excited
+        nutation *= 0.5 * spin * ratio * np.tan(cone) * np.exp(1j * (ratio - 1) * spin * tau)
+        return np.asarray(s[:, None] * e + nutation.real[:, None] * u + nutation.imag[:, None] * v)
 
-    return Stretch(rate, (), (kick, kick + press, kick + 0.2 * lot.length_s))
+    return Stretch(rate, (), (fire_s, fire_s + pulse_s, fire_s + 0.2 * lot.length_s))
 
 
 # ---- rate tables and hands --------------------------------------------------------------------------------------------------
 
 
 def draw_rate_table(lot: Lot) -> Stretch:
-    """A rate table goes up and down a stair of constant rates about one axis of the gyros."""
+    """Draw a rate table's staircase of constant rates, up and down, about one axis of the gyros."""
     axis = lot.frame[:, lot.number % 3] + 0.02 * lot.craft.standard_normal(3)
     up = float(lot.rng.choice([-1.0, 1.0])) * lot.peak() * np.linspace(0, 1, int(lot.rng.integers(3, 7)))
     levels = np.concatenate([up, up[-2::-1], *([-up[1:], -up[-2::-1]] if lot.rng.random() < 0.5 else [])])
-    at = np.linspace(0, lot.length_s, len(levels) + 1)[1:-1]
-    ramp = float(lot.rng.uniform(0.1, 0.6)) * at[0]
-    steps = list(zip(at, np.diff(levels), strict=True))
+    step_times_s = np.linspace(0, lot.length_s, len(levels) + 1)[1:-1]
+    ramp = float(lot.rng.uniform(0.1, 0.6)) * step_times_s[0]
+    steps = list(zip(step_times_s, np.diff(levels), strict=True))
     return Stretch(
         lambda tau: np.asarray(sum(step * smoothstep((tau - time) / ramp) for time, step in steps))[:, None] * axis,
         (),
-        [*at, *(at + ramp)],
+        [*step_times_s, *(step_times_s + ramp)],
     )
 
 
 def draw_hand_motion(lot: Lot) -> Stretch:
-    """A hand turns the gyros about all axes in turn and never rests wholly."""
+    """Draw the motion of a hand that turns the gyros about all axes in sequence and always trembles."""
     turns, pace = lot.slews(8), 2 * np.pi * np.exp(lot.rng.uniform(np.log(0.1), np.log(3.0), (3, 4)))
     tremble = np.deg2rad(log_uniform(lot.rng, 0.05, 2)) * lot.rng.uniform(0.3, 1.0, (3, 4)) * pace
     phase = lot.rng.uniform(0, 2 * np.pi, (3, 4))
@@ -225,7 +225,7 @@ def draw_plan(rng: np.random.Generator, title: str) -> Plan:
     node, latitude = (float(angle) for angle in rng.uniform(0, 2 * np.pi, 2))
     orbit = CircularOrbit(log_uniform(rng, 3e5, 3e6), float(np.deg2rad(rng.uniform(0, 110))), node, latitude)
     frame, craft, start, parts = np.linalg.qr(rng.standard_normal((3, 3)))[0], int(rng.integers(2**63)), 0.0, []
-    through = rng.random() < 0.5  # references go on through turns
+    through = rng.random() < 0.5  # whether there are references also during turns
     for number, length in enumerate(lengths):
         lot = Lot(rng, np.random.default_rng(craft), kind.peaks, float(length), start, frame, number, orbit)
         parts.append((start, float(length), kind.law(lot)))
@@ -236,7 +236,7 @@ def draw_plan(rng: np.random.Generator, title: str) -> Plan:
         plain = replace(plain, orbit=Orbit(orbit.period, orbit.altitude / 1e3, float(np.rad2deg(orbit.inclination))))
     if rng.random() < WARM_SHARE:
         period = orbit.period if kind.orbit else float(np.median(lengths)) * log_uniform(rng, 0.5, 5.0)
-        spans = [(one.start_s, one.stop_s) for one in plain.intervals]
+        spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
         plain = replace(plain, tables={"housekeeping": simulate_gyro_temperature(rng, spans, period)})
     return Plan(name, grade_name, motion, plain, G)
 
@@ -244,28 +244,31 @@ def draw_plan(rng: np.random.Generator, title: str) -> Plan:
 def _integrate_motion(
     rng: np.random.Generator, parts: list[tuple[float, float, Stretch]], sample_s: float, spacing: float, through: bool
 ) -> Motion:
-    made = []
+    """Integrate the drawn rates to mean rates of the samples and attitudes at the references."""
+    columns = []
     for start, length, stretch in parts:
         edges = np.asarray(sample_s * np.arange(round(length / sample_s) + 1), dtype=float)
-        at = np.append(np.arange(0.0, length - max(0.3 * spacing, SAME_S), spacing), edges[-1])
+        times = np.append(np.arange(0.0, length - max(0.3 * spacing, SAME_S), spacing), edges[-1])
         if not through:
-            at = at[~np.any([(at > one.start) & (at < one.stop) for one in stretch.turns] or [np.zeros(len(at), bool)], axis=0)]
-        grid = _merge_times(edges, at, np.array([*stretch.breaks, *(knot for one in stretch.turns for knot in one.knots)]))
+            for turn in stretch.turns:
+                times = times[(times <= turn.start) | (times >= turn.stop)]
+        knots = [knot for turn in stretch.turns for knot in turn.knots]
+        grid = _merge_times(edges, times, np.array([*stretch.breaks, *knots]))
         begin = rng.standard_normal(4) if stretch.begin is None else stretch.begin
         path = integrate(stretch.rate, grid, begin / np.linalg.norm(begin))
         rates = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1] - SAME_S), axis=0) / sample_s
-        made.append((start + edges[:-1], rates, start + at, path.quaternions[np.searchsorted(grid, at - SAME_S)]))
-    ends = np.cumsum([0] + [len(part[0]) for part in made])
-    t_s, rates, reference_t_s, quaternions = (np.concatenate(column) for column in zip(*made, strict=True))
+        columns.append((start + edges[:-1], rates, start + times, path.quaternions[np.searchsorted(grid, times - SAME_S)]))
+    ends = np.cumsum([0] + [len(part[0]) for part in columns])
+    t_s, rates, reference_t_s, quaternions = (np.concatenate(column) for column in zip(*columns, strict=True))
     intervals = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     return Motion(t_s, np.full(len(t_s), sample_s), rates, intervals, reference_t_s, quaternions)
 
 
-def _merge_times(edges: Array, *more: Array) -> Array:
-    """Sorted times; of those that are one, the edge of a sample stays."""
-    others = np.concatenate(more)
-    near = np.abs(others - edges[np.clip(np.searchsorted(edges, others - SAME_S), 0, len(edges) - 1)]) < 2 * SAME_S
-    grid = np.unique(np.concatenate([edges, others[~near & (others > 0) & (others < edges[-1])]]))
+def _merge_times(edges: Array, *further: Array) -> Array:
+    """Merge and sort times; of times closer than `SAME_S`, the edge of a sample is kept."""
+    others = np.concatenate(further)
+    is_at_edge = np.abs(others - edges[np.clip(np.searchsorted(edges, others - SAME_S), 0, len(edges) - 1)]) < 2 * SAME_S
+    grid = np.unique(np.concatenate([edges, others[~is_at_edge & (others > 0) & (others < edges[-1])]]))
     return grid[np.append(True, np.diff(grid) > SAME_S)]
 
 
@@ -277,7 +280,7 @@ def _build_recording(
     sample_s: float,
     title: str,
 ) -> tuple[Recording, Array]:
-    """The noise-free recording and the true G; the a-priori calibration is near the truth, and not it."""
+    """Build the noise-free recording and the true G; the a-priori calibration is near the truth but differs from it."""
     size = log_uniform(rng, *grade.matrix)
     G = np.eye(3) + size * rng.standard_normal((3, 3))
     bias = np.deg2rad(log_uniform(rng, *grade.bias)) * rng.standard_normal(3)
@@ -293,8 +296,8 @@ def _build_recording(
         apriori_bias=bias + min(0.3 * float(np.abs(bias).max()), allowed / longest) * rng.standard_normal(3),
     )
     intervals = tuple(
-        Interval(f"i{k + 1:02d}", "turns" if one.turns else "rest", start, start + length, None if one.turns else one.mode)
-        for k, (start, length, one) in enumerate(parts)
+        Interval(f"i{k + 1:02d}", "turns" if part.turns else "rest", start, start + length, None if part.turns else part.mode)
+        for k, (start, length, part) in enumerate(parts)
     )
     attitudes = Attitudes(motion.reference_t_s, motion.quaternions, np.tile(sigma, (len(motion.quaternions), 1)))
     return Recording(title=title, epoch="2020-01-01T00:00:00Z", gyro=gyro, attitudes=attitudes, intervals=intervals), G

@@ -1,10 +1,11 @@
-"""What the answers are worth, from the rows of cases: rates, proper scores of what is stated, sizes, shares, and two runs.
+"""Score the answers from the rows of cases: rates, proper scores of stated causes, sizes, shares; and compare two runs.
 
 A cause that is stated with a probability p is right or not, o ∈ {0, 1}. z = (Σo − Σp)/√Σp(1 − p) of all stated causes is
-standard normal if the probabilities are right; the log score is the mean of −ln of the probability of what is so, with its
-standard error. Rates have Wilson's 95 % intervals.
+standard normal if the probabilities are right; the log score is the mean of −ln of the probability of the true outcome, with
+its standard error. Rates have Wilson's 95 % intervals.
 
-McNemar's exact test compares two runs case by case: of the cases that only one of them answers well, both would have half.
+McNemar's exact test compares two runs case by case: under equal quality each run has half of the cases that only one run
+answers well.
 """
 
 import json
@@ -41,31 +42,32 @@ SNR_EDGES = (5.0, 8.0, 12.0, 20.0, 35.0, 100.0)
 
 
 def is_answered_well(rows: pd.DataFrame) -> pd.Series:
-    """Tell of each case whether it is answered well."""
-    good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
-    return pd.Series(good, index=rows.index, dtype=bool)
+    """Decide for each case whether it is answered well."""
+    is_well = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
+    return pd.Series(is_well, index=rows.index, dtype=bool)
 
 
 def count_hits(what: str, hits: ArrayLike) -> dict[str, Any]:
     """Count hits, with their share and its 95 % binomial interval."""
     values = np.asarray(hits, dtype=bool)
-    count, of = int(values.sum()), int(values.size)
-    low, high = compute_binomial_interval(count, of)
-    return {"what": what, "cases": of, "hits": count, "share": count / of if of else np.nan, "low": low, "high": high}
+    count, total = int(values.sum()), int(values.size)
+    low, high = compute_binomial_interval(count, total)
+    return {"what": what, "cases": total, "hits": count, "share": count / total if total else np.nan, "low": low, "high": high}
 
 
 def collect_statements(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each stated cause: case, kind, whether it has a name, probability p, and whether it is right."""
-    out = [
-        {"case": case, "kind": kind, "named": one["named"], "p": float(one["p"]), "right": bool(one["right"])}
+    """Collect the stated causes: case, kind, whether each has a name, its probability p, and whether it is right."""
+    statements = [
+        {"case": case, "kind": kind, "named": statement["named"], "p": float(statement["p"]), "right": bool(statement["right"])}
         for case, kind, text in zip(rows["case"], rows["kind"], rows["statements"], strict=True)
-        for one in json.loads(text)
+        for statement in json.loads(text)
     ]
-    return pd.DataFrame(out, columns=["case", "kind", "named", "p", "right"]).astype({"named": bool, "p": float, "right": bool})
+    table = pd.DataFrame(statements, columns=["case", "kind", "named", "p", "right"])
+    return table.astype({"named": bool, "p": float, "right": bool})
 
 
 def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rates by kind, with their intervals."""
+    """Compute the rates by kind, with their intervals."""
     kinds = {kind: rows[rows["kind"] == kind] for kind in MIX}
     stated = collect_statements(rows)
     sure, unnamed = stated[stated["named"] & (stated["p"] >= SURE)], stated[~stated["named"]]
@@ -75,44 +77,45 @@ def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
         strong = kinds[kind][kinds[kind]["snr"] >= STRONG]
         out.append(count_hits(f"{name} of SNR {STRONG:g} and more: right", strong["outcome"] == "right"))
         if kind == "single":
-            in_set = [any(one["in_set"] for one in json.loads(text)) for text in strong["statements"]]
+            in_set = [any(statement["in_set"] for statement in json.loads(text)) for text in strong["statements"]]
             out.append(count_hits(f"{name} of SNR {STRONG:g} and more: in the set of a cause", in_set))
     for kind in ("withheld", "unlisted"):
-        own = kinds[kind][kinds[kind]["snr"] >= STRONG]
-        good = own["outcome"].isin(GOOD[kind])
-        out.append(count_hits(f"{kind}, SNR {STRONG:g} and more: localised or unknown", good))
+        strong = kinds[kind][kinds[kind]["snr"] >= STRONG]
+        is_well = strong["outcome"].isin(GOOD[kind])
+        out.append(count_hits(f"{kind}, SNR {STRONG:g} and more: localised or unknown", is_well))
         out.append(count_hits(f"{kind}: a wrong name at {SURE:g} and more", kinds[kind]["case"].isin(wrong)))
     out.append(count_hits(f"names stated at {SURE:g} and more that are right", sure["right"]))
     out.append(count_hits("random errors without a name: an effect acts on their side and axis", unnamed["right"]))
     out.append(count_hits("90 % set of explanations holds the truth", rows["truth_score"] <= DEFAULT.conformal))
     mixed = stated[stated["kind"] == "mixed"]
     out.append(count_hits("mixed: stated causes that are right", mixed["right"]))
-    out.append(count_hits(f"mixed: listed effects of SNR {STRONG:g} and more found", list_found(kinds["mixed"])))
-    share = rows[rows["true_closed"].notna() & rows["closed_low"].notna()]
-    holds = (share["closed_low"] <= share["true_closed"]) & (share["true_closed"] <= share["closed_high"])
-    out.append(count_hits("90 % interval of the share closed holds the true share", holds))
+    out.append(count_hits(f"mixed: listed effects of SNR {STRONG:g} and more found", list_strong_hits(kinds["mixed"])))
+    measured = rows[rows["true_closed"].notna() & rows["closed_low"].notna()]
+    covers = (measured["closed_low"] <= measured["true_closed"]) & (measured["true_closed"] <= measured["closed_high"])
+    out.append(count_hits("90 % interval of the share closed holds the true share", covers))
     errors = collect_size_errors(rows)
     out += [count_hits(f"sizes within {level} sigma", np.abs(errors) <= level) for level in (1, 2)]
     return pd.DataFrame(out)
 
 
-def list_found(rows: pd.DataFrame) -> list[bool]:
-    """Tell of each strong listed effect of some cases whether a cause names it."""
-    out = []
+def list_strong_hits(rows: pd.DataFrame) -> list[bool]:
+    """Decide for each strong listed effect of some cases whether a cause identifies it."""
+    is_found = []
     for truth, statements in zip(rows["truth"], rows["statements"], strict=True):
-        hits = {hit for one in json.loads(statements) for hit in one["hits"]}
-        strong = [number for number, one in enumerate(json.loads(truth)) if one["listed"] and one["snr"] >= STRONG]
-        out += [number in hits for number in strong]
-    return out
+        hits = {hit for cause in json.loads(statements) for hit in cause["hits"]}
+        for number, effect in enumerate(json.loads(truth)):
+            if effect["listed"] and effect["snr"] >= STRONG:
+                is_found.append(number in hits)
+    return is_found
 
 
 def collect_size_errors(rows: pd.DataFrame) -> Array:
-    """(size − true size)/sigma of every cause that is there."""
+    """Collect (size − true size)/sigma of all causes that are simulated."""
     return np.array([error for text in rows["size_sigmas"] for error in json.loads(text)], dtype=float)
 
 
 def score_statements(stated: pd.DataFrame) -> pd.DataFrame:
-    """Score what is stated at 0.9 and more, at 0.5 and more, and in all."""
+    """Score the causes stated at 0.9 and more, at 0.5 and more, and all."""
     levels = {f"at {SURE:g} and more": SURE, f"at {LIKELY:g} and more": LIKELY, "all": 0.0}
     parts = {name: stated[stated["p"] >= least] for name, least in levels.items()} | {"with a name": stated[stated["named"]]}
     return pd.DataFrame([_score_part(name, part) for name, part in parts.items()])
@@ -153,15 +156,15 @@ def _compare_part(name: str, both: pd.DataFrame) -> dict[str, Any]:
 
     before, after = both["well_before"], both["well_after"]
     gained, lost = int((after & ~before).sum()), int((before & ~after).sum())
-    out = {"kind": name, "cases": len(both), "well_before": int(before.sum()), "well_after": int(after.sum())}
-    out |= {"gained": gained, "lost": lost, "p": binomtest(gained, gained + lost).pvalue if gained + lost else 1.0}
-    out["seconds_ratio"] = both["diagnose_s_after"].sum() / max(both["diagnose_s_before"].sum(), 1e-9)
-    out["mb_ratio"] = both["peak_mb_after"].median() / both["peak_mb_before"].median()
-    return out
+    comparison = {"kind": name, "cases": len(both), "well_before": int(before.sum()), "well_after": int(after.sum())}
+    comparison |= {"gained": gained, "lost": lost, "p": binomtest(gained, gained + lost).pvalue if gained + lost else 1.0}
+    comparison["seconds_ratio"] = both["diagnose_s_after"].sum() / max(both["diagnose_s_before"].sum(), 1e-9)
+    comparison["mb_ratio"] = both["peak_mb_after"].median() / both["peak_mb_before"].median()
+    return comparison
 
 
 def read_run(path: Path) -> pd.DataFrame:
-    """The good rows of a run; an `InputError` if the file is no table of this study."""
+    """Read the rows of a run without an error; raises an `InputError` if the file is no table of this study."""
     try:
         rows = pd.read_parquet(path)
     except (OSError, ValueError) as error:
@@ -175,7 +178,7 @@ def read_run(path: Path) -> pd.DataFrame:
 
 
 def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
-    """Tables, two figures, and the comparison with another run."""
+    """Build the report: tables, two figures, and the comparison with another run."""
     stated, failed = collect_statements(rows), config.cases - len(rows)
     tables = {
         "statements": Table("Stated causes", score_statements(stated)),
@@ -199,11 +202,11 @@ def draw_found(rows: pd.DataFrame) -> Draw:
     kinds = {"single": TEAL, "withheld": GREY, "unlisted": RED}
     lines = []
     for kind, colour in kinds.items():
-        own = rows[rows["kind"] == kind]
-        groups = own.groupby(np.digitize(own["snr"], SNR_EDGES))
-        found = pd.DataFrame([count_hits("", is_answered_well(part)) | {"snr": part["snr"].median()} for _, part in groups])
-        if len(found):
-            lines.append(Line(found["snr"], found["share"], kind, colour, "o-", found["low"], found["high"], bars=True))
+        of_kind = rows[rows["kind"] == kind]
+        groups = of_kind.groupby(np.digitize(of_kind["snr"], SNR_EDGES))
+        shares = pd.DataFrame([count_hits("", is_answered_well(part)) | {"snr": part["snr"].median()} for _, part in groups])
+        if len(shares):
+            lines.append(Line(shares["snr"], shares["share"], kind, colour, "o-", shares["low"], shares["high"], bars=True))
     panel = make_curves(lines, x="SNR", y="answered well, 95 %", log="x", legend="lower right")
     return build_sheet(panel, size=(5.0, 3.4))
 
@@ -214,8 +217,8 @@ def draw_statements(stated: pd.DataFrame) -> Draw:
     p, right = sorted_["p"].to_numpy(), sorted_["right"].to_numpy(dtype=float)
     band, number = 2 * np.sqrt(np.cumsum(p * (1 - p))), np.arange(1, len(p) + 1)
     expected = Line(number, np.zeros(len(p)), "expected, 2 sigma", GREY, "-", -band, band)
-    found = Line(number, np.cumsum(right - p), "right − Σp", TEAL, "-")
-    panel = make_curves([expected, found], x="statements, the least sure first", y="right − expected", legend="lower left")
+    cumulated = Line(number, np.cumsum(right - p), "right − Σp", TEAL, "-")
+    panel = make_curves([expected, cumulated], x="statements, the least sure first", y="right − expected", legend="lower left")
     return build_sheet(panel, size=(5.0, 3.4))
 
 

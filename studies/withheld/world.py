@@ -1,4 +1,4 @@
-"""The world of a case: its plan, the random streams of its own, and what effects do to its samples and references."""
+"""The world of a case: its plan, its random streams, and the simulation of effects in its samples and references."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,20 +23,20 @@ SIDES = {"clock": "time", "filter": "time"}  # of the stages that act neither on
 
 
 def find_effect(name: str) -> Effect:
-    """An effect of the list, or a family outside of it."""
+    """Find an effect of the library, or a family outside of it, by its name."""
     return EFFECTS[name] if name in EFFECTS else FAMILIES[name]
 
 
 def find_side(name: str) -> str:
-    """Side that an effect is on: gyro, reference or time."""
+    """Find the side of an effect: gyro, reference or time."""
     effect = find_effect(name)
-    own = effect.side if isinstance(effect, Family) else ""
-    return own or SIDES.get(effect.stage, "reference" if effect.on_references else "gyro")
+    side = effect.side if isinstance(effect, Family) else ""
+    return side or SIDES.get(effect.stage, "reference" if effect.on_references else "gyro")
 
 
 @dataclass(frozen=True)
 class World:
-    """A plan, and what effects do to it; every random stream is the case's own."""
+    """A plan with its random streams, in which effects are simulated."""
 
     entropy: int
     case: int
@@ -47,53 +47,56 @@ class World:
 
     @cached_property
     def around(self) -> Surroundings:
-        """The truth as effects see it."""
+        """True motion and references that effects act on."""
         return build_surroundings(self.plan.plain, self.plan.motion)
 
     def rng(self, name: str) -> np.random.Generator:
-        """A stream of the case."""
+        """Return the random generator of the case with this name."""
         return generator(self.entropy, self.case, f"withheld:{self.attempt}:{name}")
 
     def simulate(self, settings: Sequence[Setting], draw: int = 0) -> tuple[Array, Array]:
-        """Raw rates and reference attitudes with noise and effects; draw 0 is that of the recording."""
+        """Simulate raw rates and reference attitudes with noise and effects; draw 0 is that of the recording."""
         if not settings and draw in self.noises:
             return self.noises[draw]
-        active = [ActiveEffect(find_effect(one.effect), one, self.rng(f"effect:{draw}:{one.label()}")) for one in settings]
+        active = [
+            ActiveEffect(find_effect(setting.effect), setting, self.rng(f"effect:{draw}:{setting.label()}"))
+            for setting in settings
+        ]
         noise = self.rng(f"gyro:{draw}"), self.rng(f"reference:{draw}")
-        made = simulate_readings(self.around, active, noise[0]), simulate_references(self.around, active, noise[1])
+        simulated = simulate_readings(self.around, active, noise[0]), simulate_references(self.around, active, noise[1])
         if not settings:
-            self.noises[draw] = made
-        return made
+            self.noises[draw] = simulated
+        return simulated
 
     def record(self, settings: Sequence[Setting], draw: int = 0) -> Recording:
-        """The recording that a diagnosis sees, and further ones with other noise."""
+        """Simulate the recording that is diagnosed, draw 0, or further ones with other noise."""
         rates, quaternions = self.simulate(settings, draw)
         plain = self.plan.plain
         attitudes = replace(plain.attitudes, quaternions=quaternions)
         return replace(plain, gyro=replace(plain.gyro, rates=rates), attitudes=attitudes)
 
-    def change(self, one: Setting, draw: int = 0) -> Change:
-        """What an effect changes under the same noise."""
-        (raw, references), (plain_raw, plain_references) = self.simulate([one], draw), self.simulate((), draw)
+    def change(self, setting: Setting, draw: int = 0) -> Change:
+        """Compute the change of rates and references by an effect under the same noise."""
+        (raw, references), (plain_raw, plain_references) = self.simulate([setting], draw), self.simulate((), draw)
         return Change(raw - plain_raw, separation(plain_references, references))
 
     def noise(self, draw: int) -> Change:
-        """The noise as stated."""
+        """Simulate the stated noise alone as a change of rates and references."""
         raw, references = self.simulate((), draw)
         return Change(raw - self.plan.plain.gyro.rates, separation(self.plan.motion.quaternions, references))
 
-    def list_changes(self, one: Setting) -> list[Change]:
-        """What an effect changes, in one draw if it is the same in all."""
-        draws = 1 if find_effect(one.effect).stage in FIXED else RANDOM_DRAWS
-        return [self.change(one, draw) for draw in range(draws)]
+    def list_changes(self, setting: Setting) -> list[Change]:
+        """List the changes by an effect in several draws of the noise; one draw if it is the same in all."""
+        draws = 1 if find_effect(setting.effect).stage in FIXED else RANDOM_DRAWS
+        return [self.change(setting, draw) for draw in range(draws)]
 
     def measure(self, changes: Sequence[Change]) -> tuple[float, float]:
-        """Signal-to-noise ratios in the attitude and in the samples of a change in some draws."""
+        """Compute the signal-to-noise ratios in the attitude and in the samples of a change in some draws."""
         noises = [self.noise(draw) for draw in range(len(changes))] if len(changes) > 1 else []
-        attitude = measure_attitude([self.model.respond(one) for one in changes], [self.model.respond(one) for one in noises])
-        levels = [self.model.measure_samples(one.raw, n.raw) for one, n in zip(changes, noises, strict=False)]
+        attitude = measure_attitude(list(map(self.model.respond, changes)), list(map(self.model.respond, noises)))
+        levels = [self.model.measure_samples(change.raw, noise.raw) for change, noise in zip(changes, noises, strict=False)]
         return attitude, float(np.median(levels)) if levels else self.model.measure_samples(changes[0].raw, None)
 
     def respond(self, change: Change) -> Array:
-        """(M,) whitened change of attitude and samples."""
+        """Compute the whitened change (M,) of attitude and samples."""
         return np.concatenate([self.model.respond(change), self.model.roughen(change.raw).ravel()])

@@ -51,14 +51,14 @@ def test_random_errors_of_the_remainder_are_processes_of_the_scenario(found, tmp
         return FittedEffect(effect, effect, axis, "", size, sigma, parameters, empty, empty, empty, size, True, none)
 
     arcsec = np.deg2rad(1 / 3600)
-    beside = (
+    unnamed = (
         member(BIAS_WANDERS, "x", 2 * arcsec, 300.0),
         member(REFERENCES_WANDER, "y", 5 * arcsec, 600.0),
         member(TAGS_WANDER, None, 0.02, 900.0),
         member("scale factor or misalignment wanders", "z", 1e-4, 900.0),
     )
     rest = RemainderSummary(0.3, (0.2, 0.4), (2, 0, 0), (0, 5 / 3600, 0), 0.02, 0.0, 1.3, "gyro", 300.0, ())
-    both = replace(found, details=replace(found.details, beside=beside), remainder=rest)
+    both = replace(found, details=replace(found.details, unnamed=unnamed), remainder=rest)
     adoption = adopt_causes(both)
     assert [one.label() for one in adoption.remainder] == [
         "bias_markov:x", "reference_correlated:y", "clock_wander", "reference_noise_excess",

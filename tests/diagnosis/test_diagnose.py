@@ -21,7 +21,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
 from diagnosis.model.symptoms import SampleCause, weigh_symptom
-from diagnosis.posterior import list_listed
+from diagnosis.posterior import compute_conditional_listed
 from diagnosis.settings import DEFAULT
 from diagnosis.verdict import decide_verdict
 from gyrocal import calibrate, load
@@ -360,7 +360,7 @@ LESS = weigh_symptom(seen("outliers", "y", probability=0.6).symptom, DEFAULT).li
     ],
 )
 def test_symptoms_of_one_kind_have_one_unlisted_cause_or_none(samples, likely):
-    assert list_listed([one.summarise(DEFAULT) for one in samples]) == pytest.approx(likely)
+    assert compute_conditional_listed([one.summarise(DEFAULT) for one in samples]) == pytest.approx(likely)
 
 
 CERTAIN = Cause("bias_drift", "x", 1.0, "deg/h per day", 0.1, {}, 0.95, ("bias_drift:x",), 0.95)
@@ -376,7 +376,7 @@ OPEN = replace(CERTAIN, probability=0.6)
         (True, [CERTAIN, OPEN], 0.1, {}, "group"),
         (True, [CERTAIN], 0.51, {}, "partial"),
         (True, [], 0.1, {}, "unknown"),
-        (True, [CERTAIN], 0.99, {"beside_remainder": True}, "partial"),
+        (True, [CERTAIN], 0.99, {"has_remainder": True}, "partial"),
         (True, [CERTAIN], 0.1, {"blind": True}, "named"),
         (True, [replace(CERTAIN, named=False)], 0.1, {}, "group"),
     ],

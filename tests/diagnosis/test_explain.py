@@ -34,7 +34,9 @@ def test_the_noise_of_the_references_is_judged_anew_without_the_shapes_that_are_
     first, second = (explain.AttitudeInference((), 0.0, fitted=tuple(map(find, own))) for own in (names, ()))
     answers = iter((first, second))
     monkeypatch.setattr(explain, "explain", lambda *_: next(answers))
-    monkeypatch.setattr(explain, "reclassify_without_effects", lambda prepared, at_work, *_: "anew" if at_work else None)
+    monkeypatch.setattr(
+        explain, "reclassify_without_effects", lambda prepared, known_effects, *_: "anew" if known_effects else None
+    )
     found = explain.explain_prepared("at first", list(EFFECTS.values()), DEFAULT, 0, ignore)
     assert found == (("anew", second) if names == ("rate_lag",) else ("at first", first))
 

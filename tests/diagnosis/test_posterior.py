@@ -6,9 +6,9 @@ import scipy.integrate
 
 from diagnosis.inference.search import Explanation
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.posterior import CredibleGroup, compute_bayes_factor_bound, rank_all, rank_weak_effects
+from diagnosis.posterior import CredibleGroup, compute_bayes_factor_bound, rank_weak_effects, rank_without_naming
 from diagnosis.settings import DiagnosisSettings
-from diagnosis.verdict import attribute
+from diagnosis.verdict import decide_attitude_verdict
 from tests.diagnosis.linear_models import linear_model
 
 
@@ -27,7 +27,7 @@ def three(probabilities, listed=(True, True, True)):
 
 def test_sets_share_the_probability_and_those_with_something_unlisted_count_together():
     model, found = three({(0,): 0.90, (0, 1): 0.08, (2,): 0.02}, listed=(True, True, False))
-    answer = rank_all(model, found)
+    answer = rank_without_naming(model, found)
     assert [one.labels for one in answer.ranked] == [("e0",), ("e0", "e1"), ("e2",)]
     assert [one.probability for one in answer.ranked] == pytest.approx([0.90, 0.08, 0.02])
     assert answer.unknown == pytest.approx(0.02)
@@ -41,7 +41,7 @@ def test_sets_share_the_probability_and_those_with_something_unlisted_count_toge
 def test_a_verdict_follows_from_the_probabilities_and_the_remainder(probabilities, remainder, verdict):
     model, found = three({(0,): 1.0})
     slots = tuple(CredibleGroup(SelectedCandidate(0, 0, 0), p, p, (("e0", p),)) for p in probabilities)
-    assert attribute(rank_all(model, found), slots, remainder).verdict == verdict
+    assert decide_attitude_verdict(rank_without_naming(model, found), slots, remainder).verdict == verdict
 
 
 def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():

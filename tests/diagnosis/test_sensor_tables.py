@@ -54,7 +54,7 @@ def amplitudes_of(setting):
 
 @pytest.mark.parametrize("effects", NAMED, ids=lambda one: "+".join(one))
 def test_an_effect_is_named_with_its_size(effects):
-    seen = explain_tables(recorded(*effects, seed=3), EFFECTS).found
+    seen = explain_tables(recorded(*effects, seed=3), EFFECTS).inference
     settings = {one.label(): one for one in map(parse, effects)}
     assert seen.attribution.verdict == "named"
     assert {one.label for one in seen.fitted} == set(settings)

@@ -62,7 +62,7 @@ class Arc:
     sightings: Sightings  # what the sensors look at; angles and attitudes are those of M0's fit once there is one
 
     def vector(self, sun: Array, earth: Array) -> Array:
-        """Errors (n, 2, …) and (m, 4, …) of both kinds as rows (r, …), each divided by its sigma."""
+        """Stack errors (n, 2, …) and (m, 4, …) of both kinds as rows (r, …), each divided by its sigma."""
         parts = []
         for series, number in zip(self.series, self.numbers, strict=True):
             values = earth if number == 0 else sun[self.sightings.sun_sensor == number]
@@ -87,7 +87,7 @@ class FittedArc:
         return ExactLeastSquares(self.rows, self.path.q, np.zeros((len(self.path.q), 3)))
 
     def gram(self, X: Array) -> tuple[Array, int]:
-        """Products (p + 1, p + 1) of X (r, p) and the residuals, these last, with the nuisance parameters of M0 projected out.
+        """Compute products (p + 1, p + 1) of X (r, p) and the residuals, last, with M0's nuisance parameters projected out.
 
         The second value is the number of degrees of freedom.
         """
@@ -95,7 +95,7 @@ class FittedArc:
 
 
 def build_arcs(recording: Recording) -> tuple[list[Arc], list[str]]:
-    """Arcs of a recording that can be used, and what is said of the other intervals.
+    """Build the arcs of a recording that can be used, and notes on the other intervals.
 
     An `InputError` if there are no raw tables with an ephemeris, or no arc can be used.
     """
@@ -150,14 +150,14 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
         inside = (t >= low) & (t <= high)
         if not inside.any():
             continue
-        made = sensor.series(t[inside], counts[inside], tables.ephemeris.sun[tables.ephemeris.rows(t[inside])])
-        if not made.used.any():
+        measured = sensor.series(t[inside], counts[inside], tables.ephemeris.sun[tables.ephemeris.rows(t[inside])])
+        if not measured.used.any():
             continue
-        made = replace(made, sigma=_compute_sun_sigma(sensor, counts[inside], made.sigma))
-        series.append(made)
+        measured = replace(measured, sigma=_compute_sun_sigma(sensor, counts[inside], measured.sigma))
+        series.append(measured)
         numbers.append(sensor_number)
-        sun_sensor.append(np.full(made.t.size, sensor_number))
-        sun_angles.append(made.y)
+        sun_sensor.append(np.full(measured.t.size, sensor_number))
+        sun_angles.append(measured.y)
     if not series or tables.earth is None:
         return None
     inside = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
@@ -193,7 +193,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
 
 
 def _compute_sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
-    """Sigmas (n, 2) with the quantisation of each count; a count is worth most at the boresight, for which the sensor's is."""
+    """Compute the sigmas (n, 2) with the quantisation of each count; the sensor's sigma includes that at the boresight."""
     steps = (sensor.angles(counts + 0.5) - sensor.angles(counts - 0.5)) ** 2
     boresight = np.full((1, 2), float(2**13))
     largest = (sensor.angles(boresight + 0.5) - sensor.angles(boresight - 0.5)) ** 2
@@ -201,7 +201,7 @@ def _compute_sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
 
 
 def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None = None) -> FittedArc:
-    """Epoch attitude and bias of an arc under M0, with errors (n, 2) and (m, 4), rad, taken off the measurements beforehand.
+    """Fit epoch attitude and bias of an arc under M0, with errors (n, 2) and (m, 4), rad, subtracted from the measurements.
 
     An `UnobservableError` if the arc does not determine both, a `MisfitError` if the fit does not converge.
     """
@@ -232,7 +232,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
 
 
 def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
-    """The arc with the sightings of a fit."""
+    """Update the sightings of an arc by those of a fit."""
     angles = [
         measurements.model.predict(A[_find_nearest_nodes(path, measurements.t)], np.arange(measurements.t.size))
         for measurements, number in zip(series, arc.numbers, strict=True)
@@ -243,28 +243,28 @@ def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc,
 
 
 def _find_nearest_nodes(path: GyroArc, t: Array) -> Indices:
-    """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
+    """Find the nodes at some times; the next node where a time has none, since no measurement is used then."""
     return np.minimum(path.find_nodes(t), len(path.t) - 1)
 
 
 def fit_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:
-    """Fits of all arcs, what is said of those that cannot be fitted, and of those that do not fit the nominal sensors at all.
+    """Fit all arcs; also notes on arcs that cannot be fitted, and on those that do not fit the nominal sensors at all.
 
     If no arc can be fitted, a `MisfitError` where the measurements of one or more do not fit the nominal sensors at all, else
     an `InputError`.
     """
-    done: list[FittedArc] = []
+    fits: list[FittedArc] = []
     notes: list[str] = []
     misfits: list[str] = []
     for arc in arcs:
         try:
-            done.append(fit_arc(arc))
+            fits.append(fit_arc(arc))
         except MisfitError as error:
             misfits.append(str(error))
         except (UnobservableError, InputError) as error:
             notes.append(f"{arc.name} is left out of the sensors' diagnosis: {error}")
-    if not done:
+    if not fits:
         raise (MisfitError if misfits else InputError)(
             f"no arc can be fitted under the nominal sensors; {[*misfits, *notes][0]}"
         )
-    return done, notes, misfits
+    return fits, notes, misfits

@@ -50,74 +50,77 @@ class HeldAmplitudes:
 
 
 def build_groups(
-    fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapping[str, HeldAmplitudes]
+    fitted: FittedArc, effects: Iterable[SensorEffect], amplitudes: Mapping[str, HeldAmplitudes]
 ) -> list[CandidateColumns]:
     """Build all candidates along an arc, their columns (r, k) in sigmas per unit of the amplitude.
 
     The errors are linearised about the amplitudes by label, or about zero.
     """
-    listed = [_build_listed(fitted, effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
+    listed = [_build_listed(fitted, effect, axis, amplitudes) for effect in effects for axis in effect.axes or (None,)]
     return [*listed, *(build_rival(name, None, build(fitted)) for name, build in RIVAL_BUILDERS.items())]
 
 
 def find_sensor_effect(label: str) -> tuple[SensorEffect, str | None]:
-    """The effect of a label, and its axis."""
+    """Find the effect of a label, and its axis."""
     name, _, axis = label.partition(":")
     return SENSOR_EFFECTS[name], axis or None
 
 
 def _build_listed(
-    fitted: FittedArc, effect: SensorEffect, axis: str | None, about: Mapping[str, HeldAmplitudes]
+    fitted: FittedArc, effect: SensorEffect, axis: str | None, amplitudes: Mapping[str, HeldAmplitudes]
 ) -> CandidateColumns:
     label = effect.name if axis is None else f"{effect.name}:{axis}"
-    at = about.get(label, HeldAmplitudes(np.zeros(effect.count), {}))
+    linearised = amplitudes.get(label, HeldAmplitudes(np.zeros(effect.count), {}))
     options, share = effect.options, 1.0
-    if label in about and effect.refined:
+    if label in amplitudes and effect.refined:
         # Parameters that were found between the options are tried there only, with the prior share of one option.
-        options, share = (at.parameters, *at.others), 1 / len(effect.options)
-    columns = [_differentiate_error(fitted, effect, axis, replace(at, parameters=option)) for option in options]
+        options, share = (linearised.parameters, *linearised.others), 1 / len(effect.options)
+    columns = [_differentiate_error(fitted, effect, axis, replace(linearised, parameters=option)) for option in options]
     return build_group(effect, axis, columns, [dict(option) for option in options], [share / len(options)] * len(options))
 
 
-def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: HeldAmplitudes) -> Array:
-    """(r, k) derivatives of an effect's error by its amplitudes."""
+def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | None, setting: HeldAmplitudes) -> Array:
+    """Differentiate an effect's error by its amplitudes, (r, k)."""
     arc, columns = fitted.arc, []
     for step in STEP * np.eye(effect.count):
-        high, low = (effect.error(arc.sightings, axis, held.amplitudes + way * step, held.parameters) for way in (1, -1))
+        high, low = (
+            effect.error(arc.sightings, axis, setting.amplitudes + sign * step, setting.parameters) for sign in (1, -1)
+        )
         columns.append(arc.vector((high[0] - low[0]) / (2 * STEP), (high[1] - low[1]) / (2 * STEP)))
     return np.column_stack(columns)
 
 
-def build_held_columns(fitted: FittedArc, held: Mapping[str, HeldAmplitudes]) -> Array:
-    """(r, p) derivatives of the errors of some effects by their amplitudes, in their order."""
-    return np.hstack([_differentiate_error(fitted, *find_sensor_effect(label), setting) for label, setting in held.items()])
+def build_held_columns(fitted: FittedArc, amplitudes: Mapping[str, HeldAmplitudes]) -> Array:
+    """Build the derivatives (r, p) of the errors of some effects by their amplitudes, in their order."""
+    parts = [_differentiate_error(fitted, *find_sensor_effect(label), setting) for label, setting in amplitudes.items()]
+    return np.hstack(parts)
 
 
-def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
-    """Errors (n, 2) and (m, 4) of some effects together, rad; held by label."""
+def compute_held_error(sightings: Sightings, amplitudes: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
+    """Compute the errors (n, 2) and (m, 4) of some effects together, rad; amplitudes by label."""
     sun, earth = sightings.nothing
-    for label, setting in held.items():
+    for label, setting in amplitudes.items():
         effect, axis = find_sensor_effect(label)
-        more = effect.error(sightings, axis, setting.amplitudes, setting.parameters)
-        sun, earth = sun + more[0], earth + more[1]
+        errors = effect.error(sightings, axis, setting.amplitudes, setting.parameters)
+        sun, earth = sun + errors[0], earth + errors[1]
     return sun, earth
 
 
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
-    """Legendre products in (α, β) for α, for β, and for both of one sun sensor, 1 deg each."""
+    """Build Legendre products in (α, β) for α, for β, and for both of one sun sensor, 1 deg each."""
     sightings = fitted.arc.sightings
     values = [np.polynomial.legendre.legvander(angle / FIELD, DEGREE) for angle in sightings.sun_angles.T]
     powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    seen_by_head = (sightings.sun_sensor == number)[:, None]
-    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * seen_by_head  # (n, q)
+    is_of_sensor = (sightings.sun_sensor == number)[:, None]
+    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * is_of_sensor  # (n, q)
     nothing = np.zeros_like(terms)
     earth = np.zeros((*sightings.used.shape, len(powers)))
-    of_alpha, of_beta = (fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms]))
-    return [of_alpha, of_beta, np.hstack([of_alpha, of_beta])]
+    alpha, beta = (fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms]))
+    return [alpha, beta, np.hstack([alpha, beta])]
 
 
 def compute_orbit_phase(sightings: Sightings) -> Array:
-    """(m,) argument of latitude of the Earth sensor's measurements, rad."""
+    """Compute the argument of latitude (m,) of the Earth sensor's measurements, rad."""
     position = sightings.position
     normal = np.cross(position[:-1], position[1:]).sum(axis=0)
     normal = normal / np.linalg.norm(normal)
@@ -128,18 +131,18 @@ def compute_orbit_phase(sightings: Sightings) -> Array:
 
 
 def _build_quadrant_columns(fitted: FittedArc, earth: Array) -> Array:
-    """(r, p) columns of errors (m, 4, p) of the Earth sensor."""
+    """Build the columns (r, p) of errors (m, 4, p) of the Earth sensor."""
     return fitted.arc.vector(np.zeros((*fitted.arc.sightings.sun_angles.shape, earth.shape[2])), earth)
 
 
 def _build_quadrant_harmonics(fitted: FittedArc) -> list[Array]:
-    """Sin and cos(k u) of each quadrant, 1 rad, for each k and for all."""
+    """Build sin and cos(k u) of each quadrant, 1 rad, for each k and for all."""
     phase = compute_orbit_phase(fitted.arc.sightings)
-    each = []
+    by_order = []
     for k in range(1, HARMONICS + 1):
         waves = np.column_stack([np.sin(k * phase), np.cos(k * phase)])
-        each.append(_build_quadrant_columns(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
-    return [*each, np.hstack(each)]
+        by_order.append(_build_quadrant_columns(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
+    return [*by_order, np.hstack(by_order)]
 
 
 def _build_near_sun(fitted: FittedArc) -> list[Array]:
@@ -150,18 +153,18 @@ def _build_near_sun(fitted: FittedArc) -> list[Array]:
         [np.sin(nominal) * np.cos(AZIMUTHS), np.sin(nominal) * np.sin(AZIMUTHS), np.full(4, np.cos(nominal))]
     )
     body = np.einsum("mij,mj->mi", sightings.A, sightings.sun)
-    away = np.arccos(np.clip(body @ directions.T, -1, 1))
-    coming = np.gradient(away, axis=0) < 0
-    rings = np.digitize(away, SUN_EDGES) - 1
-    out = np.zeros((*away.shape, 2 * (len(SUN_EDGES) - 1)))
+    sun_distance = np.arccos(np.clip(body @ directions.T, -1, 1))
+    coming = np.gradient(sun_distance, axis=0) < 0
+    rings = np.digitize(sun_distance, SUN_EDGES) - 1
+    indicators = np.zeros((*sun_distance.shape, 2 * (len(SUN_EDGES) - 1)))
     for ring in range(len(SUN_EDGES) - 1):
-        out[..., 2 * ring] = (rings == ring) & coming
-        out[..., 2 * ring + 1] = (rings == ring) & ~coming
-    return [_build_quadrant_columns(fitted, np.deg2rad(out))]
+        indicators[..., 2 * ring] = (rings == ring) & coming
+        indicators[..., 2 * ring + 1] = (rings == ring) & ~coming
+    return [_build_quadrant_columns(fitted, np.deg2rad(indicators))]
 
 
 def _build_gyro_harmonics(fitted: FittedArc) -> list[Array]:
-    """Rate errors sin and cos(k u) about each axis, 1 deg/h, for each k: γ_n = −Σ f(u) ΔS, f constant between nodes."""
+    """Build rate errors sin and cos(k u) about each axis, 1 deg/h, for each k: γ_n = −Σ f(u) ΔS, f constant between nodes."""
     path, sightings = fitted.path, fitted.arc.sightings
     middle = np.interp((path.t[:-1] + path.t[1:]) / 2, sightings.t_s, compute_orbit_phase(sightings))
     steps = np.diff(fitted.S, axis=0)

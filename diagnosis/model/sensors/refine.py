@@ -33,15 +33,15 @@ STEP = 0.05  # for the derivative, over several steps of χ²
 AROUND = (-2.5, -1.25, 0.0, 1.25, 2.5)
 
 
-def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes]) -> dict[str, HeldAmplitudes]:
+def refine_parameters(fits: Sequence[FittedArc], settings: Mapping[str, HeldAmplitudes]) -> dict[str, HeldAmplitudes]:
     """Move the parameters of effects, by label, to the least χ², with the amplitudes that fit there and options around."""
-    places = [(label, name) for label in held for name in find_sensor_effect(label)[0].refined]
+    places = [(label, name) for label in settings for name in find_sensor_effect(label)[0].refined]
     if not places:
-        return dict(held)
+        return dict(settings)
 
     def solve(change: Array) -> tuple[Array, float]:
-        """Amplitudes of all effects together with changed parameters, and χ² with them."""
-        moved = _move_parameters(held, places, change)
+        """Solve for the amplitudes of all effects together with changed parameters; also χ² with them."""
+        moved = _move_parameters(settings, places, change)
         gram = _sum_grams(fits, lambda fitted: build_held_columns(fitted, moved))
         amplitudes = _invert_scaled(gram[:-1, :-1]) @ gram[:-1, -1]
         return amplitudes, float(gram[-1, -1] - amplitudes @ gram[:-1, -1])
@@ -51,7 +51,7 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitud
         "initial_simplex": simplex, "xatol": ENOUGH, "fatol": ENOUGH_CHI2, "maxfev": TRIALS
     }  # fmt: skip
     change = minimize(lambda x: solve(x)[1], simplex[0], method="Nelder-Mead", options=options).x
-    amplitudes, improved, start = solve(change)[0], _move_parameters(held, places, change), 0
+    amplitudes, improved, start = solve(change)[0], _move_parameters(settings, places, change), 0
     for label, setting in improved.items():
         improved[label] = replace(setting, amplitudes=amplitudes[start : start + setting.amplitudes.size])
         start += setting.amplitudes.size
@@ -73,37 +73,37 @@ def _list_near_parameters(
     return tuple(_move_parameters({label: fitted}, [places[k] for k in indices], step)[label].parameters for step in steps)
 
 
-def _estimate_parameter_covariance(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes], places: Places) -> Array:
-    """(q, q) of the logarithms of the parameters, all amplitudes fitted too."""
-    amplitudes = np.concatenate([setting.amplitudes for setting in held.values()])
+def _estimate_parameter_covariance(fits: Sequence[FittedArc], settings: Mapping[str, HeldAmplitudes], places: Places) -> Array:
+    """Estimate the covariance (q, q) of the logarithms of the parameters, all amplitudes fitted too."""
+    amplitudes = np.concatenate([setting.amplitudes for setting in settings.values()])
 
     def columns(fitted: FittedArc) -> Array:
         ends = [
-            [build_held_columns(fitted, _move_parameters(held, places, way * step)) @ amplitudes for way in (1, -1)]
+            [build_held_columns(fitted, _move_parameters(settings, places, sign * step)) @ amplitudes for sign in (1, -1)]
             for step in STEP * np.eye(len(places))
         ]
-        return np.column_stack([build_held_columns(fitted, held), *((high - low) / (2 * STEP) for high, low in ends)])
+        return np.column_stack([build_held_columns(fitted, settings), *((high - low) / (2 * STEP) for high, low in ends)])
 
     return _invert_scaled(_sum_grams(fits, columns)[:-1, :-1])[-len(places) :, -len(places) :]
 
 
-def _move_parameters(held: Mapping[str, HeldAmplitudes], places: Places, change: Array) -> dict[str, HeldAmplitudes]:
-    """With parameters changed by a logarithm each, between half the least and twice the largest of the options."""
-    out = dict(held)
-    for (label, name), by in zip(places, change, strict=True):
+def _move_parameters(settings: Mapping[str, HeldAmplitudes], places: Places, change: Array) -> dict[str, HeldAmplitudes]:
+    """Change parameters by a logarithm each, between half the least and twice the largest of the options."""
+    moved = dict(settings)
+    for (label, name), log_factor in zip(places, change, strict=True):
         options = [float(option[name]) for option in find_sensor_effect(label)[0].options]
-        value = float(np.clip(float(held[label].parameters[name]) * np.exp(by), min(options) / 2, 2 * max(options)))
-        out[label] = replace(out[label], parameters={**out[label].parameters, name: value})
-    return out
+        value = float(np.clip(float(settings[label].parameters[name]) * np.exp(log_factor), min(options) / 2, 2 * max(options)))
+        moved[label] = replace(moved[label], parameters={**moved[label].parameters, name: value})
+    return moved
 
 
 def _sum_grams(fits: Sequence[FittedArc], columns: Callable[[FittedArc], Array]) -> Array:
-    """Products of columns and residuals of all arcs, the residuals last."""
+    """Sum the products of columns and residuals of all arcs, the residuals last."""
     return np.asarray(sum(fitted.gram(columns(fitted))[0] for fitted in fits))
 
 
 def _invert_scaled(gram: Array) -> Array:
-    """Pseudo-inverse, columns brought to one length first."""
+    """Compute the pseudo-inverse of a Gram matrix, columns scaled to one length first."""
     norms = np.sqrt(np.diag(gram))
     scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     return np.asarray(np.linalg.pinv(gram * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale))

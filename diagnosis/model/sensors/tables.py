@@ -85,7 +85,7 @@ def build_tables(
 
 
 def _factor_gram(gram: Array) -> Array:
-    """(r, p) rows with the given products, the columns brought to one length for the decomposition."""
+    """Factor a Gram matrix into rows (r, p) with these products; the columns are scaled to one length for the decomposition."""
     norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
@@ -94,7 +94,7 @@ def _factor_gram(gram: Array) -> Array:
 
 
 def build_sensor_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
-    """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
+    """Build the linear model, with the effects that may be named and all unlisted rivals as candidates."""
     groups = [group for group in tables.groups if not group.listed or SENSOR_EFFECTS[group.effect] in effects]
     candidates, W = place_candidates(
         [*groups, *_list_wander_groups(tables)], lambda columns: columns, settings, visible=VISIBLE
@@ -113,7 +113,7 @@ def build_sensor_model(tables: Tables, effects: Sequence[SensorEffect], settings
 
 
 def _list_wander_groups(tables: Tables) -> Iterator[CandidateColumns]:
-    """Sensors that sit differently each day, or drift through the months."""
+    """List rivals of sensors that are mounted differently each day, or drift through the months."""
     for group in tables.groups:
         if not group.listed or not SENSOR_EFFECTS[group.effect].wanders:
             continue
@@ -127,7 +127,7 @@ def _list_wander_groups(tables: Tables) -> Iterator[CandidateColumns]:
 
 
 def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
-    """A sixth of the arcs held out at a time; each keeps its own epoch attitude and bias, which no explanation may use."""
+    """Build folds of a sixth of the arcs; each arc keeps its epoch attitude and bias, which no explanation may use."""
     for number in range(FOLDS):
         out = tables.owner % FOLDS == number
         if not out.any() or out.all():
@@ -163,7 +163,7 @@ def estimate_sensor_noise(model: LinearModel, settings: DiagnosisSettings) -> No
 
 
 def rescale_noise(model: LinearModel, factor: float) -> LinearModel:
-    """The model in units of a larger noise, or chance would pass for evidence; candidates and their scales stay."""
+    """Rescale a model to units of a larger noise, or chance would pass for evidence; candidates and their scales stay."""
 
     def folds(W: Array) -> Iterator[Fold]:
         for fold in model.folds(W):

@@ -20,7 +20,7 @@ import numpy as np
 from diagnosis.answer import Verdict
 from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.model.linear import CandidateColumns, LinearModel, Parameters, SelectedCandidate
-from diagnosis.posterior import Attribution, rank_all
+from diagnosis.posterior import Attribution, rank_without_naming
 from diagnosis.settings import DEFAULT
 from gyrocal.arrays import Array
 from studies.natanson.flight_diagnosis.table import (
@@ -181,7 +181,7 @@ def search_with_relinearisation(
     for _ in range(SEARCH_ROUNDS):
         point = relinearise_timings(table, baseline, point, causes)
         model = build_flight_model(table, baseline, point)
-        attribution = rank_all(model, rank_explanations(model, PRIOR_OF_CHANCE))
+        attribution = rank_without_naming(model, rank_explanations(model, PRIOR_OF_CHANCE))
         best = tuple(label for label in attribution.ranked[0].labels if not label.startswith(UNKNOWN_NAME))
         if set(best) == set(causes):
             break

@@ -40,7 +40,7 @@ def bending():
 
 
 def test_neither_bends_nor_fast_motion_are_spikes_or_jolts():
-    assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).places.any()
+    assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).mask.any()
     used = np.ones(SAMPLES, dtype=bool)
     x = np.random.default_rng(1).standard_normal((SAMPLES, 3))
     x[SAMPLES // 2 :, 1] += 100.0

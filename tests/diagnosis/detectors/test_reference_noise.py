@@ -28,9 +28,9 @@ def level_of(excess=1.0, delay=0.0, motion=None):
 
 
 def test_an_error_that_follows_the_motion_is_no_noise():
-    assert level_of(delay=0.02).odd
+    assert level_of(delay=0.02).is_unusual
     left = level_of(delay=0.02, motion=MOTION)
-    assert not left.odd
+    assert not left.is_unusual
     assert np.abs((left.factor - 1) / left.sigma).max() < 4
 
 

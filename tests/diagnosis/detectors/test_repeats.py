@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.repeats import find_repeats
+from diagnosis.detectors.repeats import find_repeats, is_measured
 
 SAMPLES = 6000
 
@@ -32,3 +32,14 @@ def test_readings_of_which_chance_repeats_nearly_all_tell_no_fault():
     t = np.arange(SAMPLES)
     readings = np.trunc(3.0 * np.sin(2 * np.pi * t[:, None] / np.array([1700.0, 2300.0, 3100.0])))
     assert find_repeats(readings, np.ones(SAMPLES, dtype=bool)) is None
+
+
+@pytest.mark.parametrize(("value", "measured"), [(0.3, True), (50.0, False)])
+def test_a_repeated_value_equal_to_its_neighbours_was_measured_also_where_the_lattice_hides_all_noise(value, measured):
+    """Most readings are the same lattice value, so that neither the noise nor the change of the rate is above zero."""
+    readings = np.full((200, 3), 0.3)
+    repeated = np.zeros(200, dtype=bool)
+    repeated[20::20] = True
+    readings[19::20], readings[20::20] = value, value
+    with np.errstate(all="raise"):
+        assert is_measured(readings, repeated) is measured

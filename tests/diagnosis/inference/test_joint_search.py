@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 from diagnosis.inference.joint_search import JointSearch, infer_set
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.posterior import build_slot
+from diagnosis.posterior import build_credible_group
 from diagnosis.settings import DEFAULT
 from tests.diagnosis.linear_models import linear_model
 
@@ -80,11 +80,11 @@ def test_random_errors_that_together_outweigh_a_shape_are_stated_and_the_shape_s
     random = {k: {"effect": f"bias_{k}", "axis": "y", "process": True} for k in (1, 2, 3)}
     model = linear_model(columns, np.zeros(ROWS), changes={0: {"effect": "bias_step", "axis": "y"}, **random})
     member = SelectedCandidate(0, 0, 0)
-    slot, unlisted = build_slot(model.candidates, member, {0: 0.40, 1: 0.30, 2: 0.2, 3: 0.08}, DEFAULT)
+    slot, unlisted = build_credible_group(model.candidates, member, {0: 0.40, 1: 0.30, 2: 0.2, 3: 0.08}, DEFAULT)
     assert (slot.named, slot.label) == (False, "gyro slow random:y")
     assert (slot.probability, slot.group_probability, unlisted) == pytest.approx((0.58, 0.98, 0.42))
     assert [label for label, _ in slot.group] == ["bias_1:y", "bias_2:y", "bias_3:y", "bias_step:y"]
-    slot, unlisted = build_slot(model.candidates, member, {0: 0.60, 1: 0.30, 2: 0.08}, DEFAULT)
+    slot, unlisted = build_credible_group(model.candidates, member, {0: 0.60, 1: 0.30, 2: 0.08}, DEFAULT)
     # Of random errors of one side and axis three in ten are on no list.
     assert (slot.named, slot.probability, slot.group_probability) == pytest.approx((True, 0.60, 0.60 + 0.7 * 0.38))
     assert unlisted == pytest.approx(0.02 + 0.3 * 0.38)

@@ -8,8 +8,8 @@ import scipy.stats
 
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.calibration import (
-    calibrate_beside_remainder,
     calibrate_with_effects,
+    calibrate_with_remainder,
     describe_unobserved,
     jackknife_calibration,
 )
@@ -59,14 +59,14 @@ def test_a_shape_in_the_place_of_a_scale_factor_leaves_the_calibration():
     scale = model.calibration[:, 8] / np.linalg.norm(model.calibration[:, 8])
     false = member(30 * scale * (1 + 0.3 * np.sign(np.sin(parts))), False)
     noise = member(rng.standard_normal(model.size), True)
-    plain, _ = calibrate_beside_remainder(model, (), (noise,))
-    left, _ = calibrate_beside_remainder(model, (), (noise, false))
+    plain, _ = calibrate_with_remainder(model, (), (noise,))
+    left, _ = calibrate_with_remainder(model, (), (noise, false))
     np.testing.assert_array_equal(left, plain)
     shape = rng.standard_normal(model.size) + model.calibration[:, 0] / np.linalg.norm(model.calibration[:, 0])
     moved = replace(model, zeta=model.zeta.copy())
     for block in model.blocks:
         moved.zeta[block.rows] += 60 * block.whitener @ shape[block.rows]
-    with_shape, _ = calibrate_beside_remainder(moved, (), (member(shape, False),))
+    with_shape, _ = calibrate_with_remainder(moved, (), (member(shape, False),))
     sigma = prepared(3).sigma
     assert np.abs((with_shape - calibrate_with_effects(model, [])[0]) / sigma).max() < 3
     assert np.abs((calibrate_with_effects(moved, [])[0] - calibrate_with_effects(model, [])[0]) / sigma).max() > 3

@@ -63,7 +63,7 @@ def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_onc
     likeness = [weigh_symptom(replace(symptom, likeness=p), DEFAULT).unlisted for p in (0.5, 1e-2, 1e-4)]
     assert likeness[0] < 0.04 < likeness[1] < 0.3 < 0.8 < likeness[2]
     # What no effect claims is unlisted, or chance and motion.
-    nobodys = weigh_symptom(symptom, DEFAULT, claimed=False)
+    nobodys = weigh_symptom(symptom, DEFAULT, is_claimed=False)
     assert (nobodys.listed, nobodys.unlisted + nobodys.motion + nobodys.chance) == (0.0, pytest.approx(1.0))
     assert nobodys.motion / nobodys.unlisted == pytest.approx(0.25)
     # At the threshold of the tests an effect is more probable than not; of a p-value by chance it is not.

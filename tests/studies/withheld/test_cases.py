@@ -10,7 +10,7 @@ from studies.withheld import cases, judgement
 from studies.withheld.cases import WithheldConfig
 from studies.withheld.drawing import MIX, SNR, Placed, draw_case, draw_kind
 from studies.withheld.families import FAMILIES
-from studies.withheld.judgement import judge_causes, measure_left_power
+from studies.withheld.judgement import judge_causes, measure_unexplained_power
 from studies.withheld.plans import PLANS
 from tests.studies.withheld.conftest import make_case
 
@@ -70,15 +70,15 @@ def test_family_acts_on_its_side(turning, name):
 
 def test_short_lag_is_a_delay(turning):
     lag = setting("rate_lag", None, 0.05)
-    assert measure_left_power(turning, lag, state("time_offset", None, 0.05)) < 1e-3
+    assert measure_unexplained_power(turning, lag, state("time_offset", None, 0.05)) < 1e-3
 
 
 def test_step_is_no_drift(turning):
     """The negative control: the same side and axis, and another waveform."""
     step = setting("bias_step", "x", 1.0, {"time_s": 1000.0})
-    assert measure_left_power(turning, step, state("bias_drift", "x")) > 0.1
-    assert measure_left_power(turning, step, state("bias_step", "x", time_s=1000.0)) < 1e-9
-    assert measure_left_power(turning, step, state("bias_step", "x", time_s=1300.0)) > 0.02
+    assert measure_unexplained_power(turning, step, state("bias_drift", "x")) > 0.1
+    assert measure_unexplained_power(turning, step, state("bias_step", "x", time_s=1000.0)) < 1e-9
+    assert measure_unexplained_power(turning, step, state("bias_step", "x", time_s=1300.0)) > 0.02
 
 
 def test_an_error_without_a_name_is_right_on_its_side_and_axis(turning):
