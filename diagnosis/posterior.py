@@ -1,4 +1,7 @@
-"""Probabilities of causes and of explanations: all of them are computed here, from plain numbers.
+"""Probabilities of causes and of explanations, computed from plain numbers.
+
+The log posteriors of candidates come from `inference.joint_search`, the likelihood ratios of symptoms from the detectors. A
+symptom that a cause of the attitude explains is discounted in `model.symptoms`.
 
 | probability of | computed by |
 |---|---|

@@ -182,11 +182,14 @@ class _Store(NullCache):
             return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep the code for a signature, if it can be kept."""
+        """Store the code for a signature.
+
+        Not stored: code with addresses in it, which are valid in this process only, and any code once the source files have
+        changed since this process loaded them.
+        """
         key = self._build_key(signature, result.codegen)
         path = self._find_path(key)
         lifted, code = attrgetter("lifted", "library")(result)
-        # Code with addresses in it is of this process; and sources that have changed since it started are not what it runs.
         if path is None or lifted or code.has_dynamic_globals or not self._is_current():
             return
         data = dumps((key, result._reduce()))

@@ -77,7 +77,8 @@ def add_normals(
     Parameters
     ----------
     rng, words : an SFC64 generator and its `state_words`
-    layers : see there
+    layers : from `read_layers`: widths and bounds (512,); the second half has the negative widths, so that nine bits of a
+        word give layer and sign
     """
     width, bound = layers
     a, b, c, n = words[0], words[1], words[2], words[3]

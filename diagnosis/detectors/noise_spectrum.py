@@ -289,15 +289,16 @@ def smooth_errors(powers: Array, blocks: int) -> Array:
 def is_even(blocks: Array) -> bool:
     """Check whether the blocks' powers scatter as those of white noise; jerks of a motion in some of them scatter more.
 
-    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
-    p (1 − q)/(n f_p f_q).
+    The noise levels from the two quantiles of the powers must agree within `EVEN` standard errors. The covariance of the
+    quantiles p < q of n values with the density f is p (1 − q)/(n f_p f_q).
     """
     power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
     chi2_quantiles = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
     low, high = np.quantile(power, QUANTILES) / chi2_quantiles
-    (p, q), (a, b) = QUANTILES, 1 / (chi2_quantiles * _compute_chi2_density(chi2_quantiles, dof))
-    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
-    return bool(high < (1 + EVEN * error) * low)
+    p, q = QUANTILES
+    slope_p, slope_q = 1 / (chi2_quantiles * _compute_chi2_density(chi2_quantiles, dof))  # of log level by probability
+    variance = p * (1 - p) * slope_p**2 + q * (1 - q) * slope_q**2 - 2 * p * (1 - q) * slope_p * slope_q
+    return bool(high < (1 + EVEN * np.sqrt(variance / len(power))) * low)
 
 
 def _build_difference_covariance(order: int) -> Array:

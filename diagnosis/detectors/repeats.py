@@ -8,7 +8,7 @@ calibration in the sensor. Repeats of two axes without the third one, which are 
 
 With a share f of faults a sample repeats with the probability f + (1 − f) C. The likelihood ratio of the best f against f = 0
 is the test (Wilks; f lies on the boundary, which halves the p-value), and f/(f + (1 − f) C) is the probability that a repeat is
-a fault. The number of repeats by chance is known to a few percent only, which takes its part of the evidence.
+a fault. The number of chance repeats is uncertain by a few percent, and the evidence is lowered by that.
 
 A fault is followed by another one with the probability r = 1 − 1/size, for runs of the mean length `size`. Each of two
 neighbours may also repeat by chance, so that pairs exceed chance by r + 2 (1 − r) C of the faults.

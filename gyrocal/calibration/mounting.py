@@ -112,7 +112,7 @@ def compute_mounting(G: Array, covariance: Array, apriori_G: Array, plausible_G:
 def _compute_jacobians(R: Array, S: Array) -> tuple[Array, Array]:
     """Compute ∂δφ/∂G (3, 9), about the axes of the body, and ∂S/∂G (9, 9), G and S by rows."""
     inverse = np.linalg.inv(np.trace(S) * np.eye(3) - S)
-    sign = np.sign(np.linalg.det(R))
+    sign = np.sign(np.linalg.det(R))  # R [ω×] Rᵀ = det(R) [(R ω)×]: R of a left-handed triad of gyros is improper
     rotation, scale = np.zeros((3, 9)), np.zeros((9, 9))
     for k in range(9):
         change = np.zeros(9)

@@ -2,8 +2,8 @@
 
 A calibration compares what the data determine with how far a parameter may plausibly be off. That distance depends on the
 gyro: 10 deg/h is large for a fibre-optic gyro in orbit and nothing for a MEMS gyro in a phone. The stated angle random walk
-(ARW) gives the grade. Where the body rests, the bias in the rest corrects it: a gyro whose bias exceeds the range of its
-grade belongs to the next one.
+(ARW) gives the grade. If the body rests, the bias measured there can correct the grade: if it exceeds the range of the
+grade, the next coarser grade is taken.
 
 Grades by ARW follow Yazdi, Ayazi and Najafi, Micromachined Inertial Sensors, Proc. IEEE 86(8), 1998, Table 2: tactical grade
 from 0.05 deg/sqrt(h), rate grade from 0.5. MEMS gyros have become better since; data sheets of consumer parts state 0.004 to

@@ -57,17 +57,18 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     def evaluate_objective(x: Array) -> tuple[float, Array]:
         return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof, lower)
 
-    high = max(np.log(max(power, dof) / dof), 1e-9)
-    excess = max(1.0 - dof / max(power, dof), 0.05)
-    start = np.concatenate(
-        [[0.5 * high], np.log(max(START_SHARE / max(len(components), 1) * excess, 10 * LEAST_POWER_SHARE) * unit)]
-    )
-    bounds = [(0.0, high), *((np.log(LEAST_POWER_SHARE * scale), np.log(10 * scale)) for scale in unit)]
+    # The noise is never less than stated, φ ≥ 1, and at most all of the power.
+    most_log_noise = max(np.log(max(power, dof) / dof), 1e-9)
+    excess_share = max(1.0 - dof / max(power, dof), 0.05)  # of the power, beyond the stated noise
+    start_share = max(START_SHARE / max(len(components), 1) * excess_share, 10 * LEAST_POWER_SHARE)
+    start = np.concatenate([[0.5 * most_log_noise], np.log(start_share * unit)])
+    bounds = [(0.0, most_log_noise), *((np.log(LEAST_POWER_SHARE * scale), np.log(10 * scale)) for scale in unit)]
     options = {"maxiter": 100, "ftol": PRECISION}
     minimum = scipy.optimize.minimize(evaluate_objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     noise, theta = float(np.exp(minimum.x[0])), np.exp(minimum.x[1:])
-    theta = np.where(theta > 1.5 * LEAST_POWER_SHARE * unit, theta, 0.0)
-    return VarianceComponents(noise, theta, -float(minimum.fun) + 0.5 * power)
+    theta = np.where(theta > 1.5 * LEAST_POWER_SHARE * unit, theta, 0.0)  # at its lower bound a variance is zero
+    log_likelihood_as_stated = -0.5 * power  # at φ = 1, θ = 0
+    return VarianceComponents(noise, theta, -float(minimum.fun) - log_likelihood_as_stated)
 
 
 def list_lower_places(n: int) -> Indices:

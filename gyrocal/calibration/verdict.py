@@ -1,7 +1,8 @@
 """Verdict on a calibration: whether it may be believed, with which sigmas, and why.
 
 Two tests ask whether the residuals fit the stated noise: the χ² of all of them, and the likelihood ratio of a remainder. The
-second also sees errors that last while the size of the residuals is as stated. The residuals fit if neither test rejects.
+second also detects errors that persist in time, even if the residuals are as large as stated. The residuals fit if neither
+test rejects.
 
 A calibration whose tables are read wrongly may still converge. Its values then are what no gyro of its grade has, and the
 reader must learn of it before anything else.

@@ -77,7 +77,7 @@ def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, flo
 def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array) -> tuple[float, float, float]:
     """Write R and B = ψF of one step into (3, 3) and (3, p).
 
-    Returns ω Δt, rad.
+    ψ = (I − c [φ×] + d [φ×]²) Δt with φ = ω Δt, and column q of F is e_a times ω_raw or 1. Returns φ, rad.
 
     x: (12,) G row by row and b
     raw: (3,) rad/s

@@ -303,7 +303,14 @@ def _propagate_maneuver(
     B_filter: Array,
     q: float,
 ) -> None:
-    """Propagate R̄, Θ, P_ρ and X over one sample, in place."""
+    """Propagate R̄, Θ, P_ρ and X over one sample, in place.
+
+    x: (12,) G and b that the calibrator linearises about
+    columns: (p,) positions of the solved-for parameters among the twelve
+    X_e, X_x: rows of X for the filter's attitude error and for its parameters
+    R_filter, B_filter: the blocks R and ψF of the filter's own transition
+    q: variance that the gyro's white noise adds about each axis in a sample, rad²
+    """
     step, B = np.empty((3, 3)), np.empty((3, len(columns)))
     compute_transition(x, raw, dt, columns, step, B)
     rotate_attitude(R, step)

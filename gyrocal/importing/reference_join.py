@@ -212,7 +212,7 @@ def _estimate_mounting(
             "are needed to find its mounting; state the mountings, or keep one sensor: gyrocal import csv --sensor NAME"
         )
     if a.size >= FEWEST_COMMON_TIMES:
-        mean = _check_mean_rotation(joined, sensor, a, b, gyro)
+        mean = _estimate_mean_rotation(joined, sensor, a, b, gyro)
     if stated is not None and sensor.mounting_sigma is None:
         return stated, None
     M = mean if stated is None else stated
@@ -227,11 +227,20 @@ def _estimate_mounting(
     return M, np.sqrt(np.diag(Q))
 
 
-def _check_mean_rotation(joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, gyro: GyroStream | None) -> Array:
-    """Return the mean rotation (3, 3) from body to sensor; refuse the other direction, and a stated mounting far from it."""
-    A = _propagate_rows(sensor, b, joined.t_s[a], np.eye(3) if sensor.mounting is None else sensor.mounting, gyro)
-    mean, scatter = _compute_mean_rotation(A, joined.A[a])
-    _, reversed_scatter = _compute_mean_rotation(A.transpose(0, 2, 1), joined.A[a].transpose(0, 2, 1))
+def _estimate_mean_rotation(
+    joined: _Rows, sensor: SensorReferences, joined_rows: Indices, sensor_rows: Indices, gyro: GyroStream | None
+) -> Array:
+    """Estimate the mean rotation (3, 3) from body to sensor.
+
+    An `InputError` if the transposed attitudes scatter far less, so that they are stored in the inverse direction, or if the
+    rotation is far from the stated mounting.
+    """
+    A = _propagate_rows(
+        sensor, sensor_rows, joined.t_s[joined_rows], np.eye(3) if sensor.mounting is None else sensor.mounting, gyro
+    )
+    B = joined.A[joined_rows]
+    mean, scatter = _compute_mean_rotation(A, B)
+    _, reversed_scatter = _compute_mean_rotation(A.transpose(0, 2, 1), B.transpose(0, 2, 1))
     if sensor.mounting is None and reversed_scatter < DIRECTION_SCATTER_RATIO * scatter:
         raise InputError(
             f"attitude: {sensor.name} and the sensors before it turn against each other by {np.rad2deg(scatter):.2g} deg RMS "

@@ -62,14 +62,14 @@ def _simulate_gyro(
 
 
 @compile_cached
-def _simulate_horizon(
+def _add_horizon_error(
     rng: np.random.Generator, t: float, A: Array, position: Array, sensors: Sensors, state: State, angles: Array
 ) -> None:
-    """Simulate the change of the penetration angles (4,) by the horizon's radiance, rad.
+    """Add to the penetration angles (4,) the error by the horizon's radiance, rad, and advance `state.horizon`.
 
     A first-order Markov process in each quadrant, and the limb lower by `horizon_season` times the sine of its latitude. The
-    line of sight at the nominal angle η from nadir touches a sphere at cos η from the subsatellite point's direction:
-    its unit position is r̂ sin η + d cos η, with d the quadrant's horizontal direction and sin η = a/r.
+    line of sight at the nominal angle η from nadir touches the sphere in the limb point, whose unit position is
+    r̂ sin η + d cos η, with d the quadrant's horizontal direction and sin η = a/r.
     """
     season = sensors.horizon_season * math.cos(YEARLY * t + sensors.season_phase)
     sine, cosine = math.sin(sensors.earth.nominal), math.cos(sensors.earth.nominal)
@@ -78,8 +78,8 @@ def _simulate_horizon(
         if sensors.horizon_sigma > 0.0:
             grown = sensors.horizon_sigma * math.sqrt(1.0 - sensors.horizon_keep**2)
             state.horizon[i] = sensors.horizon_keep * state.horizon[i] + grown * rng.standard_normal()
-        latitude = sine * position[2] / radius + cosine * (COSINES[i] * A[0, 2] + SINES[i] * A[1, 2])
-        angles[i] += state.horizon[i] - season * latitude
+        sine_of_latitude = sine * position[2] / radius + cosine * (COSINES[i] * A[0, 2] + SINES[i] * A[1, 2])
+        angles[i] += state.horizon[i] - season * sine_of_latitude
 
 
 @compile_cached
@@ -325,7 +325,7 @@ def fly(
         measure_quadrants(
             A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, limbs
         )
-        _simulate_horizon(extra, t, A, position, sensors, state, limbs)
+        _add_horizon_error(extra, t, A, position, sensors, state, limbs)
         used = 0
         for j in range(4):
             used += 1 if state.quadrants[j] else 0

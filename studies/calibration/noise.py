@@ -217,7 +217,10 @@ def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
 
 
 def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
-    """Draw the largest sigma of each group of parameters over ARW, a line for each reference sigma."""
+    """Draw the largest sigma of each group of parameters over ARW, a line for each reference sigma.
+
+    Red squares are the spreads of the Monte Carlo for the parameter with the largest sigma of the group.
+    """
     grid = rows[~rows["flight"]].sort_values("arw_deg_per_sqrt_s")
     shades = panels.make_shades(sorted(grid["sigma_deg"].unique()))
     axes: dict[str, Any] = {"log": "xy", "x": "ARW (deg/√s)", "at": [_select_flight_row(rows)["arw_deg_per_sqrt_s"]]}

@@ -19,10 +19,10 @@ SHOWN_LINES = 40  # of the values of one entry that moved
 @add_json_option("what moved")
 @add_output_option("--junit", help="Write each comparison as a test to this file, JUnit's XML.")
 def command(file: Path, write: bool, as_json: Path | None, junit: Path | None) -> None:
-    """Compute the recordings and studies of FILE again and show what moved; exit status 1 if something did.
+    """Repeat the calibrations and studies listed in FILE and show the values that changed; exit status 1 if one did.
 
     FILE is a TOML with [recordings.NAME] and [studies.NAME], see docs/ci.md; by default the project's own,
-    results/baseline/baseline.toml. The stored values are in the folder expected beside it.
+    results/baseline/baseline.toml. The stored values are in the folder expected/ next to FILE.
 
     \b
     Example:

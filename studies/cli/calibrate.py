@@ -59,8 +59,9 @@ CONDITIONS = ("p", "condition")  # quantities of --fail-on
     "--solve-for",
     default="all",
     show_default=True,
-    help="Parameters (G_xx … b_z; in gyro space s_x, u_xy … c_z) or groups (all, bias, scale, misalignment, gyro_x: in gyro "
-    "space that gyro alone, else row x of G with b_x), comma separated; a leading - excludes: all,-misalignment.",
+    help="Parameters (G_xx … b_z; in gyro space s_x, u_xy … c_z) or groups (all, bias, scale, misalignment, gyro_x), comma "
+    "separated; a leading - excludes: all,-misalignment. gyro_x is that gyro with "
+    "--parametrisation gyro, else row x of G and b_x.",
 )
 @click.option(
     "--step", "step_s", type=float, help="Propagation step in s, a multiple of the sample interval; one sample by default."
@@ -79,7 +80,7 @@ CONDITIONS = ("p", "condition")  # quantities of --fail-on
     show_default=True,
     help="Covariance of the residuals: with gyro noise and references shared by neighbours, or the references alone as in N.",
 )
-@click.option("--prior-sigma-g", type=float, help="A-priori sigma (1-sigma) of each parameter but the biases.")
+@click.option("--prior-sigma-g", type=float, help="A-priori sigma (1-sigma) of each element of G.")
 @click.option("--prior-sigma-bias", type=float, help="A-priori sigma of each bias, deg/s.")
 @click.option(
     "--plausible-g",
@@ -110,7 +111,7 @@ CONDITIONS = ("p", "condition")  # quantities of --fail-on
 @click.option(
     "--max-sigma",
     type=float,
-    help="With --against, end with status 1 if a parameter, or all together, moved by so many sigmas.",
+    help="With --against, end with status 1 if a parameter, or all together, changed by this many sigmas.",
 )
 @click.option(
     "--max-change",
@@ -142,7 +143,7 @@ def command(
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
 
-    G and b of ω = G ω_raw + b are found by Davenport's method. N is Natanson et al., the paper that it follows, see README.md.
+    G and b of ω = G ω_raw + b are found by Davenport's method as in Natanson (1998), here N; see README.md.
 
     \b
     Example:

@@ -109,7 +109,8 @@ def compare(
     runs : flights of each
     seed : root of the random streams; flights depend on it and their number only
     jobs : processes
-    progress : (label, flights) to a context of a function that takes the number of further flights done
+    progress : called with a label and the number of flights; it returns a context manager of a function that is called with
+        each number of further flights that are finished
     """
     if runs < FEWEST_FLIGHTS:
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
@@ -122,15 +123,15 @@ def compare(
         baseline = AdoptedScenario("the baseline on the recording's own plan", plan)
         all_scenarios = [(BASELINE, baseline), *scenarios]
         prepared_scenarios = [PreparedScenario.build(scenario, recording, setup, name) for name, scenario in all_scenarios]
-        plain = setup.measure(recording)
+        unchanged = setup.measure(recording)
         standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
         for (name, scenario), prepared in zip(all_scenarios, prepared_scenarios, strict=True):
             flights = simulate_flights(prepared, name, runs, seed, jobs, progress)
-            if not standings:
+            if not standings:  # the baseline's flights, whose misfit is noise alone
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = setup.measure(prepared.stated.subtract_from(recording))
-            standings.append(build_scenario_comparison(name, scenario, prepared, plain, measured, flights, floors))
+            standings.append(build_scenario_comparison(name, scenario, prepared, unchanged, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
 
 

@@ -167,11 +167,12 @@ class _Child:
     """A process that runs single cases for this one."""
 
     def __init__(self) -> None:
+        """Start the process with one end of a pipe, and a file for its traceback."""
         self.pipe, theirs = Pipe()
         self.trace = tempfile.TemporaryFile("w+")  # noqa: SIM115  # open as long as the child
         files = (theirs.fileno(), self.trace.fileno())
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", f"from studies.montecarlo.cases import serve; serve{files}"],
+            [sys.executable, "-P", "-c", f"from studies.montecarlo.cases import serve; serve({files[0]}, {files[1]})"],
             pass_fds=files,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path)},
             stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""R Tables 1 to 3 and R (8) from the flights: accuracy, updates, biases, requirements, orientations, dates, yaw maneuvers.
+"""R Tables 1 to 3 and R (8) from the simulated flights, against their truth: accuracy, updates, biases, requirements, orientations, dates, yaw maneuvers.
 
 Attitude accuracy is the on-board attitude's RMS error over an orbit, averaged over a period's full orbits in normal pointing;
 the yaw update the mean of its size; the bias scatter the standard deviation of the bias that an attitude solution over an
@@ -55,7 +55,10 @@ def compute_performance(run: MissionRun, period: str) -> dict[tuple[str, str], f
 
 
 def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """Build R Table 3, a row a number: flight, the seeds' mean, lowest and highest, and simulated minus flown."""
+    """Build R Table 3 against the simulated truth: a row for each number, with the flight's value, the seeds' mean and range.
+
+    `ladder.build_rung_numbers` computes the same numbers against the ground batch, as R did.
+    """
     rows = []
     for period in PERIODS:
         by_seed = [compute_performance(run, period) for run in runs]

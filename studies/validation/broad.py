@@ -197,7 +197,10 @@ def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[TrialInte
 
 
 def _cut_around_motion(trial: Trial, first: int, last: int) -> list[TrialInterval]:
-    """Cut around each motion phase between two tracked samples, as `cut_trial` describes for "motion"."""
+    """Cut around each motion phase between two tracked samples.
+
+    Each piece reaches into the rests by a margin. A phase longer than `LONG_S` is cut, and its rests are pieces of their own.
+    """
     phases = [(a, b) for a, b in trial.phases if a > first and b < last]
     if not phases:
         raise InputError(f"{trial.name}: no motion phase with rest before and after it; choose other intervals")

@@ -26,6 +26,7 @@ SAME_S = 1e-6  # times closer than this are merged
 APRIORI_DEG = 3.0  # attitude error that the a-priori calibration may build up within an interval
 WARM_SHARE = 0.4  # of the recordings that have a gyro temperature
 REST_S = 20.0  # before and after a turn
+LONGEST_TURN_S = 600.0  # s, about one axis
 ARCSEC = 1 / 3600
 
 Span = tuple[float, float]
@@ -85,19 +86,23 @@ class Lot(NamedTuple):
         """Draw a peak rate, rad/s."""
         return float(np.deg2rad(log_uniform(self.rng, *self.peaks)))
 
-    def slews(self, most: int) -> list[Slew]:
-        """Draw up to `most` turns about nearly the frame's axes in sequence; the first three intervals have at least one."""
+    def draw_turns(self, most: int) -> list[Slew]:
+        """Draw up to `most` turns, one after the other; the first three intervals have at least one.
+
+        Each is about one of the frame's axes, to whose components noise of 0.2 is added. A ramp of one half makes the rate a
+        triangle.
+        """
         least = 0 if self.number > 2 else 1
         edges = np.linspace(0, self.length_s, int(self.rng.integers(least, most + 1)) + 1)
         out = []
         for place, (low, high) in enumerate(pairwise(edges)):
-            room = min(high - low - 2 * min(REST_S, 0.1 * (high - low)), 600.0)
-            duration = float(self.rng.uniform(0.3, 0.9)) * room
-            first = float(low + self.rng.uniform(0.1, 0.9) * (high - low - duration))
+            available_s = min(high - low - 2 * min(REST_S, 0.1 * (high - low)), LONGEST_TURN_S)
+            duration = float(self.rng.uniform(0.3, 0.9)) * available_s
+            start_s = float(low + self.rng.uniform(0.1, 0.9) * (high - low - duration))
             ramp = float(self.rng.choice([0.5, self.rng.uniform(0.15, 0.5)]))
             axis = self.frame[:, (self.number + place) % 3] + 0.2 * self.rng.standard_normal(3)
             angle = self.peak() * self.rng.choice([-1, 1]) * duration * (1 - ramp)
-            out.append(Slew(axis / np.linalg.norm(axis), float(angle), first, duration, ramp))
+            out.append(Slew(axis / np.linalg.norm(axis), float(angle), start_s, duration, ramp))
         return out
 
 
@@ -111,7 +116,7 @@ def add_turns(turns: Sequence[Slew], tau: Array) -> Array:
 
 def draw_slews(lot: Lot, most: int = 3) -> Stretch:
     """Draw rests at a small constant rate, and turns."""
-    turns = lot.slews(most)
+    turns = lot.draw_turns(most)
     drift = np.deg2rad(log_uniform(lot.rng, 1e-4, 2e-2)) * lot.rng.standard_normal(3) * (lot.rng.random() < 0.6)
     return Stretch(lambda tau: drift + add_turns(turns, tau), turns)
 
@@ -120,7 +125,7 @@ def draw_earth_pointing(lot: Lot) -> Stretch:
     """Draw pointing to the Earth in one of four modes between turns, with the sway of the attitude control."""
     period = np.array([log_uniform(lot.rng, 100.0, 500.0) for _ in range(3)])
     sway = Sway(np.deg2rad(lot.rng.uniform(0.002, 0.05, 3)), period, lot.rng.uniform(0, 2 * np.pi, 3))
-    mode, turns = str(lot.rng.choice(list(MODE_YAW))), tuple(lot.slews(3))
+    mode, turns = str(lot.rng.choice(list(MODE_YAW))), tuple(lot.draw_turns(3))
     profile = Profile(lot.orbit, lot.start_s, lot.start_s + lot.length_s, MODE_YAW[mode], turns, None, sway)
     return Stretch(profile.rate, turns, (), convert_to_quaternion(profile.attitude(np.zeros(1)))[0], mode)
 
@@ -171,7 +176,7 @@ def draw_rate_table(lot: Lot) -> Stretch:
 
 def draw_hand_motion(lot: Lot) -> Stretch:
     """Draw the motion of a hand that turns the gyros about all axes in sequence and always trembles."""
-    turns, pace = lot.slews(8), 2 * np.pi * np.exp(lot.rng.uniform(np.log(0.1), np.log(3.0), (3, 4)))
+    turns, pace = lot.draw_turns(8), 2 * np.pi * np.exp(lot.rng.uniform(np.log(0.1), np.log(3.0), (3, 4)))
     tremble = np.deg2rad(log_uniform(lot.rng, 0.05, 2)) * lot.rng.uniform(0.3, 1.0, (3, 4)) * pace
     phase = lot.rng.uniform(0, 2 * np.pi, (3, 4))
     return Stretch(lambda tau: (tremble * np.cos(tau[:, None, None] * pace + phase)).sum(axis=2) + add_turns(turns, tau), turns)

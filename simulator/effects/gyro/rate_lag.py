@@ -4,8 +4,8 @@ Between two edges of the samples x is a quadratic (`simulator.effects.timing`), 
 
     y = y_p + (y₀ − y_p(0)) e^{−u/τ},    y_p = x − τ x' + τ² x''
 
-and since y = x − τ y', a sample shows mean(x) − τ [y(Δ) − y(0)]/Δ. Each interval starts in steady state, y = x. For small τ
-this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the two cannot be separated.
+and since y = x − τ y', a sample shows mean(x) − τ [y(Δ) − y(0)]/Δ. Each interval starts with y = x. For small τ a lag
+acts like a delay of τ, so that its column is −dω_raw/dt. The attitude alone cannot separate a lag from a delay.
 """
 
 import numpy as np
