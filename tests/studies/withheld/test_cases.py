@@ -119,7 +119,7 @@ def test_judgement_and_outcome(turning):
 
 
 def test_effects_with_one_symptom_are_one_answer(turning):
-    drawn = make_case(turning, "withheld", cases.Placed(setting("rate_truncation", "x", 0.01), 0.0, 20.0))
+    drawn = make_case(turning, "withheld", Placed(setting("rate_truncation", "x", 0.01), 0.0, 20.0))
     group = {"group": ["rate_quantization:x", "rate_truncation:x"], "group_probability": 0.95}
     (judged,) = judge_causes(drawn, [{**state("rate_quantization", "x", p=0.475), **group}])
     assert (judged["right"], judged["hits"], judged["p"]) == (True, [0], 0.95)
