@@ -1,4 +1,4 @@
-"""R Tables 1 to 3 and R (8) from the simulated flights, against their truth: accuracy, updates, biases, requirements, orientations, dates, yaw maneuvers.
+"""R Tables 1 to 3 and R (8) from the simulated flights, against their truth: accuracy, updates, biases, dates, yaw maneuvers.
 
 Attitude accuracy is the on-board attitude's RMS error over an orbit, averaged over a period's full orbits in normal pointing;
 the yaw update the mean of its size; the bias scatter the standard deviation of the bias that an attitude solution over an
