@@ -1,9 +1,7 @@
 """Sim-to-real diagnosis: whether, where and why a recording differs from the simulation, and how much of it the causes close.
 
-| question | file |
-|---|---|
-| Where is the noise of a sample estimated? | `detectors/sample_noise.py` |
-| Where does a cause get its probability? | `posterior.py` |
+- The noise of a sample is estimated in `detectors.sample_noise`.
+- A cause gets its probability in `posterior`.
 
 The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and white reference errors of the stated sigmas.
 All steps use one linear model (`model.linear`). An unmodelled effect adds a group of columns beside the twelve of the
@@ -27,7 +25,7 @@ calibration. A column is the error that the effect adds to the gyro's readings o
    less than nothing belongs to the remainder. `replication` compares sizes between parts of the recording.
 9. `model.calibration` estimates G and b with causes and remainder in the model; `remainder` sums up what no cause explains.
 10. `assemble` builds the answer (`result`, `answer`), with the verdict from probabilities alone (`verdict`), the tables of
-   figures (`detail_tables`) and sentences (`notes`). `adopt` converts it to a scenario.
+    figures (`detail_tables`) and sentences (`notes`). `adopt` converts it to a scenario.
 
 Raw sensor tables (`sensor_tables`, built by `model.sensors`) use the same steps from 4 on; their answer is `sensor_result`.
 General thresholds are in `settings`, others are constants of their module. `plan` predicts what a maneuver plan can show.
