@@ -39,6 +39,7 @@ REPOSITORY_ROOT = Path(__file__).parents[2]
 BROAD_FOLDER = "../shared/real/broad"
 CONSISTENT_RMS_RANGE = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
 ACROSS = 2  # panels of the figure side by side
+MOST_LISTED = 2  # causes of a group that are listed by name
 STEP_INCHES, PANEL_INCHES = 0.27, 0.85  # height of a step, and of title and axis
 
 PREDICTION = (
@@ -159,8 +160,8 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
         "trials": Table(
             "Diagnosis of each trial",
             trials,
-            "A probability is that of the cause or of one indistinguishable from it. Shares are those of the held-out misfit, "
-            "with 90 % intervals. The remainder has no identified cause.",
+            "A probability is that of the cause or of an indistinguishable one. Shares are those of the held-out misfit, with "
+            "90 % intervals. The remainder has no identified cause.",
             shown=describe_trials(trials, causes),
         ),
         "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
@@ -174,7 +175,9 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
     by_trial: dict[str, list[str]] = {}
     for row in causes.to_dict("records"):
         size = tables.format_size(row["size"], row["sigma"], row["unit"])
-        by_trial.setdefault(row["trial"], []).append(f"{row['cause']} {size} ({tables.format_percent(row['probability'])})")
+        group = row["group"].split(", ")
+        name = " or ".join(group) if row["cause"] in group and len(group) <= MOST_LISTED else row["cause"]
+        by_trial.setdefault(row["trial"], []).append(f"{name} {size} ({tables.format_percent(row['probability'])})")
     return pd.DataFrame(
         {
             "trial": row["trial"],
