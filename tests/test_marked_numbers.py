@@ -50,17 +50,18 @@ def tabulate_withheld():
 
 
 def tabulate_withheld_runs():
-    """The study's rates of the run before, of the present one, and of both together."""
+    """The study's rates of the runs before, of the present one, and of all together."""
     folder = RESULTS / "studies" / "withheld"
-    before, present = pd.read_csv(RESULTS / "withheld_before.csv"), pd.read_csv(folder / "rates.csv")
-    assert before["what"].tolist() == present["what"].tolist()
-    entropies = [before["entropy"].iloc[0], read_json(folder / "manifest.json")["config"]["entropy"]]
+    present = pd.read_csv(folder / "rates.csv")
+    entropy = read_json(folder / "manifest.json")["config"]["entropy"]
+    runs = pd.concat([pd.read_csv(RESULTS / "withheld_before.csv"), present.assign(entropy=entropy)])
+    by_entropy = {str(value): run.set_index("what") for value, run in runs.groupby("entropy", sort=False)}
     rows = []
-    for old, new in zip(before.itertuples(), present.itertuples(), strict=True):
-        hits, cases = old.hits + new.hits, old.cases + new.cases
-        both = f"{hits} of {cases} ({100 * hits / cases:.0f} %)"
-        rows.append([old.what, f"{old.hits} of {old.cases}", f"{new.hits} of {new.cases}", both])
-    return format_table(rows, ["what", *(f"entropy {one}" for one in entropies), "both"])
+    for what in present["what"]:
+        counts = [(run.hits[what], run.cases[what]) for run in by_entropy.values()]
+        hits, cases = (sum(column) for column in zip(*counts, strict=True))
+        rows.append([what, *(f"{hit} of {of}" for hit, of in counts), f"{hits} of {cases} ({100 * hits / cases:.0f} %)"])
+    return format_table(rows, ["what", *(f"entropy {value}" for value in by_entropy), "all"])
 
 
 def tabulate_natanson_estimates():

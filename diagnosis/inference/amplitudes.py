@@ -121,7 +121,8 @@ def _average_options(
 ) -> tuple[Array, Array]:
     """Average the amplitudes over `chosen` options and all scales, in the phase of option `best`: (k,), (k, k)."""
     parts = [_compute_amplitude_moments(*products[k], entry.scales, entry.positive) for k in chosen]
-    if entry.scanned:
+    # Only pairs of amplitudes have a phase; the columns of an unlisted rival may be any basis of its waveforms.
+    if entry.scanned and parts[0][0].shape[1] % 2 == 0:
         parts = _align_phases([weights[k] for k in chosen], parts, chosen.index(best))
     return _merge_moments(weights[chosen] / weights[chosen].sum(), *zip(*parts, strict=True))
 

@@ -43,6 +43,17 @@ def test_mean_and_sigma_are_those_of_the_whole_posterior(positive, true):
     assert one.sigmas[0] == pytest.approx(sigma, rel=1e-6)
 
 
+def test_columns_of_a_scanned_rival_that_are_no_pairs_have_no_phase_to_align():
+    rng = np.random.default_rng(2)
+    options, y = [rng.standard_normal((8, 3)) for _ in range(2)], rng.standard_normal(8)
+    amplitudes = []
+    for scanned in (True, False):
+        model = linear_model([options], y, changes={0: {"scanned": scanned, "listed": False}})
+        (fitted,) = fit(model, [SelectedCandidate(0, 1, 0)])
+        amplitudes.append(fitted.amplitudes)
+    np.testing.assert_allclose(amplitudes[0], amplitudes[1], rtol=1e-12)
+
+
 def test_strong_effects_have_the_amplitudes_of_least_squares():
     rng = np.random.default_rng(3)
     columns = [rng.standard_normal((60, 2)), rng.standard_normal((60, 1))]
