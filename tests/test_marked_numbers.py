@@ -49,15 +49,24 @@ def tabulate_withheld():
     return format_table(rows, ["what", "found"])
 
 
+def read_withheld_runs():
+    """Read the rates of the study's runs before and of the present one, by entropy."""
+    folder = RESULTS / "studies" / "withheld"
+    entropy = read_json(folder / "manifest.json")["config"]["entropy"]
+    runs = pd.concat([pd.read_csv(RESULTS / "withheld_before.csv"), pd.read_csv(folder / "rates.csv").assign(entropy=entropy)])
+    return {str(value): run.set_index("what") for value, run in runs.groupby("entropy", sort=False)}
+
+
+def compute_conformal_share():
+    runs = pd.concat(read_withheld_runs().values()).loc["90 % set of explanations holds the truth"]
+    return f"{100 * runs['hits'].sum() / runs['cases'].sum():.0f} %"
+
+
 def tabulate_withheld_runs():
     """The study's rates of the runs before, of the present one, and of all together."""
-    folder = RESULTS / "studies" / "withheld"
-    present = pd.read_csv(folder / "rates.csv")
-    entropy = read_json(folder / "manifest.json")["config"]["entropy"]
-    runs = pd.concat([pd.read_csv(RESULTS / "withheld_before.csv"), present.assign(entropy=entropy)])
-    by_entropy = {str(value): run.set_index("what") for value, run in runs.groupby("entropy", sort=False)}
+    by_entropy = read_withheld_runs()
     rows = []
-    for what in present["what"]:
+    for what in next(iter(by_entropy.values())).index:
         counts = [(run.hits[what], run.cases[what]) for run in by_entropy.values()]
         hits, cases = (sum(column) for column in zip(*counts, strict=True))
         rows.append([what, *(f"{hit} of {of}" for hit, of in counts), f"{hits} of {cases} ({100 * hits / cases:.0f} %)"])
@@ -112,6 +121,7 @@ def compute_kernel_ns():
 VALUES = {
     "withheld": tabulate_withheld,
     "withheld_runs": tabulate_withheld_runs,
+    "conformal_share": compute_conformal_share,
     "natanson_estimates": tabulate_natanson_estimates,
     "digits_table2": lambda: f"{count_changed_digits('table2')} of the 18",
     "digits_table4": lambda: f"{count_changed_digits('table4')} of 6",

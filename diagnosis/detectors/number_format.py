@@ -106,5 +106,8 @@ def measure_runs(x: Array, follows: Mask) -> Array:
 
 
 def compute_cut_error(x: Array, step: float, sigma: float) -> Array:
-    """Compute the mean error (n,) of readings that are cut toward zero to a step, at the rates x, in the unit of these."""
+    """Compute the mean error (n,) of readings that are cut toward zero to a step, at the rates x, in the unit of these.
+
+    Without noise the error is −x up to one step about zero, which a σ of half a step approximates.
+    """
     return np.asarray(-0.5 * step * scipy.special.erf(x / (np.sqrt(2) * max(sigma, 0.5 * step))))

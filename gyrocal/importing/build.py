@@ -17,10 +17,8 @@ from gyrocal.arrays import Array
 from gyrocal.errors import InputError
 from gyrocal.importing.agreement import (
     FITTING_RESIDUAL,
-    LARGEST_FACTOR,
     USABLE_RESIDUAL,
     Agreement,
-    AttitudeReading,
     describe_mean_rates,
     evaluate_agreement,
 )
@@ -36,6 +34,7 @@ from gyrocal.importing.column_mapping import (
 from gyrocal.importing.estimates import compute_largest_miss, estimate_bias, estimate_walk
 from gyrocal.importing.intervals import build_interval, choose_intervals
 from gyrocal.importing.motion import Motion, build_motion, rotate_onto
+from gyrocal.importing.readings import LARGEST_FACTOR, AttitudeReading
 from gyrocal.importing.reference_join import JoinedReferences
 from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams

@@ -229,4 +229,4 @@ def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
     return Report(tables, checks=(*_build_flight_checks(), *_build_simulated_checks(rows)))
 
 
-ENTRY = Entry(STUDY, "N Table 2 diagnosed: what parts predicted from flown pre-launch residuals", make_report)
+ENTRY = Entry(STUDY, "N Table 2 diagnosed: causes of the difference between predicted and flown residuals", make_report)
